@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from estimator.arrays import Bools, Vector
+from estimator.arrays import Array, Bools, Vector
 from estimator.kernel import kernel
 from estimator.physics.current_averaging import ahead, beyond_ends, slope
 from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant, periods
@@ -55,10 +55,21 @@ def _of_pulses(rows: Rows, tau: float) -> Vector:
     """What a filter sees (Vs, stationary) at the end of a period of its pulses beside their mean."""
     if rows.u_dc is None:
         return np.zeros(len(rows), np.complex128)
-    half = 0.5 * rows.T_s / tau
-    on = np.exp(half * (rows.duties - 1.0)) - np.exp(-half * (rows.duties + 1.0))
-    legs = rows.duties * -np.expm1(-2.0 * half) - on
-    return tau * rows.u_dc * 2.0 / 3.0 * (legs @ np.array(AXES))
+    return tau * rows.u_dc * 2.0 / 3.0 * _pulses_through(rows.duties, 0.5 * rows.T_s / tau, AXES)
+
+
+@kernel
+def _pulses_through(duties: Array, half: float, axes: tuple[complex, complex, complex]) -> Vector:
+    """Of legs that are high around the middle of a period of 2 `half` time constants, each along its axis."""
+    found = np.empty(len(duties), np.complex128)
+    through, end = -math.expm1(-2.0 * half), math.exp(-half)
+    for k in range(len(duties)):
+        whole = 0j
+        for leg in range(3):
+            on = math.exp(half * duties[k, leg])
+            whole += (duties[k, leg] * through - end * (on - 1.0 / on)) * axes[leg]
+        found[k] = whole
+    return found
 
 
 @kernel

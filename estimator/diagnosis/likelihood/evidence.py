@@ -51,7 +51,7 @@ class SetFit:
     chi2: float
 
 
-def _one_cause(one: tuple[str, int], other: tuple[str, int]) -> bool:
+def one_cause(one: tuple[str, int], other: tuple[str, int]) -> bool:
     """Two effects are forms of one."""
     return BY_NAME[one[0]].other_form_of == other[0] or BY_NAME[other[0]].other_form_of == one[0]
 
@@ -321,7 +321,7 @@ class Search:
 
     def _free(self, choice: Choice) -> list[tuple[str, int]]:
         taken = {name for name, _ in choice} | self.barred
-        return [c for c in self.candidates() if c[0] not in taken and not any(_one_cause(c, one) for one in choice)]
+        return [c for c in self.candidates() if c[0] not in taken and not any(one_cause(c, one) for one in choice)]
 
     def _added(self, choice: Choice) -> Choice:
         if len(choice) >= MOST_EFFECTS:
@@ -341,7 +341,7 @@ class Search:
         """The set with two effects more, where either makes up for the other: both explain most, none much alone."""
         alone = min((self.fit((*choice, one)).chi2 for one in likely), default=0.0) - self.regression.count
         pairs = sorted(combinations(likely[:PAIRED], 2), key=lambda pair: self.fit((*choice, *pair)).chi2)
-        pairs = [pair for pair in pairs if not _one_cause(*pair)]
+        pairs = [pair for pair in pairs if not one_cause(*pair)]
         for one, other in pairs[:1]:
             left = self.unexplained((*choice, one, other))
             due = min(self.gain((*choice, one), other), self.gain((*choice, other), one))

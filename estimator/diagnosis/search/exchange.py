@@ -9,7 +9,7 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search, one_cause
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import at_an_end, unconfounded
 from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
@@ -83,18 +83,21 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
     trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
     lent = hidden_of(found) + found.search.discrepancy(found.choice)
-    instead = _instead(found.search, found.choice, trading)
-    for dropped, one in [*instead, *(_in_other_forms(found) if _leaves_more(found) else ())]:
+    instead, forms = _instead(found.search, found.choice, trading), list[tuple[Choice, tuple[str, int]]]()
+    if _leaves_more(found) or _has_beyond(found, given):
+        forms = _in_other_forms(found)
+    for dropped, one in (*instead, *forms):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
         there = excess_of(begin)
         if len(dropped) == 1 and len(begin.choice) == len(found.choice):
             more, both = there - here, dropped[0][0] in trading and one[0] in _trading(begin)
+            both |= (dropped, one) in forms
             if both and -less < more < lent and _has_beyond(found, given) and not _has_beyond(begin, given):
                 as_told.append(begin)
-            # what may be lent makes nothing likelier than it is
-            at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
+            if one[0] != dropped[0][0]:  # what may be lent makes nothing likelier than it is
+                at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
         if there > (_WORTH_MORE * here if len(dropped) > 1 else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
@@ -140,10 +143,10 @@ def _instead(search: Search, choice: Choice, trading: Sequence[str]) -> list[tup
 
 def _in_other_forms(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
     """Effects of a fit that have distinct forms, each in another: rows that one form has cleaned hide the others."""
-    candidates = found.search.candidates()
+    candidates = [one for one in found.search.candidates() if any(p.discrete for p in BY_NAME[one[0]].parameters)]
     return [
-        ((one,), other) for one in found.choice if any(p.discrete for p in BY_NAME[one[0]].parameters)
-        for other in candidates if other[0] == one[0] and other != one
+        ((one,), other) for one in found.choice for other in candidates
+        if other != one and (other[0] == one[0] or one_cause(one, other))
     ]  # fmt: skip
 
 
