@@ -40,6 +40,5 @@ EFFECT = AngleError(
     ("angle_offset", "iron_loss", "voltage_delay"),
     error=error,
     error_as_measured=error_as_measured,
-    bends=True,
     discrepancy=1e-6,
 )

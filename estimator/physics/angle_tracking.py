@@ -109,6 +109,7 @@ EFFECT = AngleError(
     error=error,
     error_as_measured=error_as_measured,
     change=change,
+    while_speed_changes=True,
     told=_told,
     discrepancy=1e-4,
 )

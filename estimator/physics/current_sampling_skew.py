@@ -3,11 +3,11 @@
     i_k,measured(t) = i_k(t + skew)        i_k(t + skew) - i_k(t) = skew (-R_s i - j omega_e psi) / L of the phase
 
 Samples are taken in the middle of the zero vector, where the winding is short and the current falls by back-EMF and
-resistance alone, harmonics and a rung's voltage among them; that of a branch beside the machine falls as well. Derived
-here.
+resistance alone, harmonics and a rung's voltage among them; that of a branch beside the machine falls as well. Where
+two channels are measured, the third phase is what they leave and off by as much the other way. Derived here.
 """
 
-from typing import Any
+from typing import Any, Final
 
 from estimator.arrays import Array, Vector
 from estimator.physics.current_sensing import SkewError
@@ -15,13 +15,16 @@ from estimator.physics.effect import Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
+_FORMS: Final = (*((k, None) for k in range(3)), *((k, m) for k in range(3) for m in range(3) if m != k))
+"""The phase that is sampled late, and the one that is not measured."""
+
 
 def error(rows: Rows, sizes: Sizes) -> Vector:
     """Of the stationary current vector, A."""
-    skew, phase = sizes
-    axis = AXES[round(phase) % 3]
-    along: Any = _of_phase(_slope(rows), axis) * axis
-    return 2.0 / 3.0 * skew * along
+    skew, form = sizes
+    phase, left = _FORMS[round(form)]
+    by: Any = _of_phase(_slope(rows), AXES[phase])
+    return 2.0 / 3.0 * skew * by * (AXES[phase] - (0.0 if left is None else AXES[left]))
 
 
 def halfway(rows: Rows, sizes: Sizes) -> Vector:
@@ -31,8 +34,13 @@ def halfway(rows: Rows, sizes: Sizes) -> Vector:
 
 def zero(rows: Rows, sizes: Sizes) -> Array:
     """Mean of the three channels' errors, A."""
-    skew, phase = sizes
-    return skew * _of_phase(_slope(rows), AXES[round(phase) % 3]) / 3.0
+    skew, form = sizes
+    return skew * _of_phase(_slope(rows), AXES[_FORMS[round(form)][0]]) / 3.0
+
+
+def forms(rows: Rows) -> tuple[tuple[float, ...], ...]:
+    """Of three channels; of two as well where no sum of three bears witness."""
+    return tuple((float(form),) for form in range(3 if rows.zero is not None else len(_FORMS)))
 
 
 def _of_phase(x: Vector, axis: complex) -> Array:
@@ -52,14 +60,14 @@ EFFECT = SkewError(
     "current_sampling_skew", "a current channel that is sampled late",
     (
         Parameter("skew", "s", constant(3e-6), constant(0.0), constant(2e-5)),
-        Parameter("phase", "1", constant(1.0), constant(0.0), constant(2.0), shape=True, discrete=True),
+        Parameter("form", "1", constant(1.0), constant(0.0), constant(8.0), shape=True, discrete=True),
     ),
-    lambda _rows: ((0.0,), (1.0,), (2.0,)),
+    forms,
     "an error of one phase's current in proportion to speed",
     ("current_sensor_gain",),
     error=error,
     zero=zero,
     halfway=halfway,
-    told=lambda _rows, p: {f"skew_{'abc'[round(p[1])]}": (p[0], "s")},
+    told=lambda _rows, p: {f"skew_{'abc'[_FORMS[round(p[1])][0]]}": (p[0], "s")},
     discrepancy=2e-4,
 )

@@ -49,6 +49,7 @@ class Effect:
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone
     other_form_of: str = ""  # an effect of the same cause in another form: never both
     without_current: bool = False  # it is read with the bridge off as well, where no current flows
+    while_speed_changes: bool = False  # it acts only then
     bends: bool = False  # its size multiplies the machine's parameters, and they trade along a curve
 
     @property

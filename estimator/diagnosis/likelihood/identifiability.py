@@ -37,6 +37,7 @@ _LENDS: Final = 6.0  # times as much that noise and the machine lend an effect t
 _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
 _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
+_NO_CHANGE: Final = "the speed hardly changes here, and only while it does would this show"
 _ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
 _ONE_LEVEL: Final = 0.1  # of rated current, by which currents may change and still be of one level
 _LITTLE_THERE: Final = "at one speed and one level of current so little of it looks like any other disturbance"
@@ -154,7 +155,10 @@ def not_borne_out(
             "parameters look alike"
         ] = alike
     left, plain = tuple(one for one in choice if one not in alike), set[tuple[str, int]]()
-    if (steady := _at_one_speed(search)) and _at_one_level(search):
+    steady = _at_one_speed(search)
+    if steady and (idle := tuple(one for one in left if BY_NAME[one[0]].while_speed_changes)):
+        found[_NO_CHANGE], left = idle, tuple(one for one in left if one not in idle)
+    if steady and _at_one_level(search):
         doubted, left = _untold_at_one_point(search, left)
         found |= doubted
     while weak := [one for one in left if one not in plain]:

@@ -143,11 +143,18 @@ def _instead(search: Search, choice: Choice, trading: Sequence[str]) -> list[tup
 
 def _in_other_forms(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
     """Effects of a fit that have distinct forms, each in another: rows that one form has cleaned hide the others."""
-    candidates = [one for one in found.search.candidates() if any(p.discrete for p in BY_NAME[one[0]].parameters)]
-    return [
-        ((one,), other) for one in found.choice for other in candidates
-        if other != one and (other[0] == one[0] or one_cause(one, other))
-    ]  # fmt: skip
+    rows, tried = found.search.regression.smooth, list[tuple[Choice, tuple[str, int]]]()
+    for name, seed in found.search.candidates():
+        effect = BY_NAME[name]
+        if seed < 0 or not any(p.discrete for p in effect.parameters):
+            continue
+        form = effect.shapes(rows)[seed]
+        for one in found.choice:
+            sizes = found.model.effects[one[0]]
+            present = tuple(x for x, p in zip(sizes, BY_NAME[one[0]].parameters, strict=True) if p.shape)
+            if (name == one[0] and form != present) or one_cause(one, (name, seed)):
+                tried.append(((one,), (name, seed)))
+    return tried
 
 
 def _is_bending(name: str) -> bool:

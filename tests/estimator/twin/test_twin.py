@@ -48,7 +48,7 @@ SIZES = {
     "saturation": {"d_axis_saturation": (0.1,), "q_axis_saturation": (0.2,), "cross_saturation": (0.05,)},
     "skin": {"ac_resistance": (1.0, 300.0)},
     "imbalance": {"phase_resistance_imbalance": (0.1 * PAPER.motor.R_s, 0.0)},
-    "current_sensing": {"current_sensor_gain": (0.02, 0.0), "current_sensor_offset": (0.02, 0.0)},
+    "current_sensing": {"current_sensor_gain": (0.02, 0.0, 0.0), "current_sensor_offset": (0.02, 0.0)},
     "angle_sensing": {"angle_offset": (0.03,)},
 }
 ALL_SIZES = {name: sizes for found in SIZES.values() for name, sizes in found.items()}
@@ -216,7 +216,8 @@ def test_after_a_gap_a_run_starts_anew(broken: Rows) -> None:
 
 
 def test_a_model_that_cannot_be_still_gives_bounded_currents(everything: Rows) -> None:
-    model = Model(TRUTH, {"d_axis_saturation": (0.6,), "q_axis_saturation": (0.6,), "current_sensor_gain": (0.3, 0.3)})
+    saturated = {"d_axis_saturation": (0.6,), "q_axis_saturation": (0.6,)}
+    model = Model(TRUTH, saturated | {"current_sensor_gain": (0.3, 0.3, 0.0)})
     i = free_run(everything, model)
     assert np.all(np.abs(i) < 10.1 * max(RATED, np.max(np.abs(everything.i))))
 
