@@ -32,6 +32,7 @@ from bench.recordings.runs import PROBE, Chunk, RunSplitter, find_clock
 from bench.recordings.sources import (
     MAX_PERIODS,
     OPTIONAL,
+    PHASES,
     STATIONARY,
     TEMPERATURES,
     Sources,
@@ -100,7 +101,7 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        noted: "_Noted", u_dc: float | None, told: "_Told",
+        noted: "_Noted", u_dc: float | None, told: "_Told", beside: Sequence[str],
     ) -> None:
         self.path = path
         self._told = told
@@ -120,7 +121,7 @@ class RecordingReader:
         self._parts = ({name: column for name, column in part.items() if name not in empty} for part in parts)
         self._noted = noted
         constants = {name: value for name, value in used.constants.items() if name not in STATIONARY}
-        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution, TEMPERATURES)
+        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution, beside)
         self._chunks = self._read()
 
     @property
@@ -164,6 +165,7 @@ def open_recording(
     n_p: int | None = None,
     optional: bool = True,
     temperatures: bool = False,
+    phases: bool = False,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
@@ -172,13 +174,15 @@ def open_recording(
     the arguments. `T_s`: control period in s, which the file's times must meet within 1 %. `align`: `{"u": rows}`, see
     the module. `theta_step`: resolution of `theta_e` in rad, 0 where it is not known. `u_dc`: V, where the recording
     does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
-    currents. `temperatures`: whether to have them beside the samples.
+    currents. `temperatures`, `phases`: whether to have them, or phase currents, beside the samples.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
     check_undamaged(path)
     header = header_of(path)
-    sources = find_sources(path, header, mapping, constants, optional=optional, temperatures=temperatures, n_p=n_p)
+    sources = find_sources(
+        path, header, mapping, constants, optional=optional, temperatures=temperatures, phases=phases, n_p=n_p
+    )
     columns = tuple(dict.fromkeys(sources.columns.values()))
     T_s, told = constants.get("T_s", T_s), _Told(header.remark)
     with closing(read_parts(path, columns, chunk_rows, told.lines)) as parts:
@@ -189,7 +193,8 @@ def open_recording(
         else:
             named = numbered(named, constants["T_s"] * constants.get("periods", 1))
         noted = _noted(path, sources, theta_step)
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc, told)
+        beside = (*TEMPERATURES, *(PHASES if phases and not optional else ()))
+        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc, told, beside)
 
 
 def _named(part: Part, sources: Sources) -> Part:

@@ -15,13 +15,20 @@ from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
+from bench.recordings.sources import PHASES
 from bench.recordings.turned import Turned
+from estimator.diagnosis.intake.causes import bring_in_order
+from estimator.diagnosis.intake.phase_sensors import Fault, PhaseSums
 from estimator.diagnosis.intake.speed_factor import speed_factor
+from estimator.diagnosis.words import listed
+from estimator.machine import PARAMETERS
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
 from estimator.samples import Column, Samples
 
 _NOT_EXPLAINED: Final = "the model does not explain these rows"
+_TOLERANCE: Final = dict.fromkeys(PARAMETERS, 0.1)  # of nominal values, that speak of another convention
+_CAUSES: Final = 3  # that a sentence names
 _MEMORY: Final = 5.0  # time constants, after which what is forgotten counts no more
 
 
@@ -54,7 +61,7 @@ def replay(
     turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
     reports: deque[_Report] = deque()  # that wait until their rows have been judged
-    warmth = _Warmth(rests_on)
+    warmth, sensors = _Warmth(rests_on), PhaseSums()
 
     def run(chunk: Chunk) -> None:
         nonlocal due, rows
@@ -77,11 +84,17 @@ def replay(
 
     def doubt(newest: int) -> str:
         said = _NOT_EXPLAINED if judgement.concerns(newest, rests_on) else ""
-        return "; ".join(filter(None, (turned.doubt(), said)))
+        fault = sensors.fault()
+        wrong = fault.says if fault is not None and fault.sure and fault.made_of is not False else ""
+        return "; ".join(filter(None, (turned.doubt(), wrong, said)))
 
     for chunk in reader:
         turned.take(chunk.samples)
         warmth.take(chunk)
+        if set(PHASES) <= chunk.beside.keys():
+            rows_of = chunk.samples
+            phases = [chunk.beside[name] for name in PHASES]
+            sensors.take(phases, rows_of.i_d + 1j * rows_of.i_q, rows_of.theta_e)
         if on_rows is not None:
             on_rows(reader.summary.rows)
         for left in screen.take(chunk):
@@ -94,7 +107,11 @@ def replay(
     mismatch = doubt(rows)
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
-    remarks = (*reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p))
+    fault = sensors.fault()
+    remarks = (
+        *reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p),
+        *_sensor(fault), *(() if fault or turned.doubt() else _convention(result, verdict, nominal or {}, n_p)),
+    )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
 
 
@@ -174,6 +191,35 @@ def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
         f"the voltages ask for another speed, with which {math.sqrt(found.left):.2g} of what they leave unexplained is "
         f"left{unit} --map omega_e=COLUMN*{1.0 / found.factor:.6g}",
     )
+
+
+def _sensor(fault: Fault | None) -> Sequence[str]:
+    """What is wrong with a phase current's sensor, a sentence where one is."""
+    if fault is None:
+        return ()
+    return (f"{fault.remark()}; pmsm-bench diagnose corrects them" if fault.sure and fault.made_of else fault.remark(),)
+
+
+def _convention(
+    result: WindowEstimate, verdict: Verdict, nominal: Mapping[str, float], n_p: int | None
+) -> Sequence[str]:
+    """What the machine file, else the recording, may follow, a sentence where all parameters are nominal but for it.
+
+    Nothing of rows whose voltages the equations do not explain.
+    """
+    if verdict.rms_V is not None and verdict.least_V is not None and verdict.rms_V > verdict.least_V:
+        return ()
+    told = {name: e.value for name, e in result.estimates.items() if e.value is not None and e.std is not None}
+    if not (set(PARAMETERS) <= told.keys() and set(PARAMETERS) <= nominal.keys()):
+        return ()
+    over = {name: told[name] / nominal[name] for name in PARAMETERS}
+    likely = bring_in_order(over, n_p or 1, _TOLERANCE)
+    of_machine = [cause.says for cause in likely if cause.of_machine]
+    causes = [*of_machine[:1], *(cause.says for cause in likely if not cause.of_machine)]
+    if not causes:
+        return ()
+    times = f"R_s, L_d, L_q and psi_f are {listed(f'{x:.3g}' for x in over.values())} times the nominal ones"
+    return (f"{times}: {'; or '.join(causes[:_CAUSES])}",)
 
 
 def _pieces(chunk: Chunk, due: int, every: int) -> Iterator[tuple[Samples, bool]]:

@@ -224,7 +224,7 @@ def _unit_of(path: Path, quantity: str, unit: str, n_p: float | None, *, where: 
 
 def find_sources(
     path: Path, header: Header, mapping: Mapping[str, str], constants: Mapping[str, float], *, optional: bool,
-    temperatures: bool = False, n_p: float | None = None,
+    temperatures: bool = False, phases: bool = False, n_p: float | None = None,
 ) -> Sources:
     """Match what a recording needs, and may have, with what is there. A constant wins over a column of its name."""
     given, n_p = {k: float(v) for k, v in constants.items() if k not in SETTINGS}, constants.get("n_p", n_p)
@@ -243,6 +243,7 @@ def find_sources(
     wanted += [name for name in ("theta_e", "periods") if found.is_there(name)]
     if optional:
         wanted += ["u_dc"] if found.is_there("u_dc") else []
+    if optional or phases:
         wanted += PHASES if all(map(found.is_there, PHASES)) else ()
     if temperatures:
         wanted += [name for name in TEMPERATURES if found.is_there(name)]

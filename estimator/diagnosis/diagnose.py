@@ -16,10 +16,11 @@ from estimator.diagnosis.answer.quality import SHORTEST, longest
 from estimator.diagnosis.answer.sentences import sentence_of
 from estimator.diagnosis.answer.statement import stated
 from estimator.diagnosis.intake.bad_samples import without_bad
-from estimator.diagnosis.intake.convention import Suspicion, suspected
+from estimator.diagnosis.intake.convention import Suspicion, both, of_sensor, suspected
 from estimator.diagnosis.intake.data_sheet import contradicted
 from estimator.diagnosis.intake.drive_data import believed
 from estimator.diagnosis.intake.input_check import checked
+from estimator.diagnosis.intake.phase_sensors import sensor_fault, without_fault
 from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.likelihood.columns import STRETCHES
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
@@ -49,22 +50,42 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     """
     tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
     runs, left_out = without_bad(runs, nominal)
+    runs, sensor, said = _with_sound_sensors(runs, nominal)
     checks = checked(runs, nominal)
-    checks = checks._replace(remarks=(*left_out, *checks.remarks))
+    checks = checks._replace(remarks=(*left_out, *said, *checks.remarks))
     long_enough = [run for run in runs if len(run) >= 3]
     rows_there = sum(map(len, long_enough))
     if checks.stop or rows_there < _FEWEST:
         few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
         return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
     if (suspicion := suspected(long_enough, nominal, tolerance)) is not None:
-        diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, suspicion)
+        told = suspicion if sensor is None else both(sensor, suspicion)
+        diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
         if diagnosis is not None:
             return diagnosis
     elif (wrong := contradicted(long_enough, nominal)) is not None:
         return _no_verdict((*checks.remarks, wrong))
-    diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress)
+    told = None if sensor is None else replace(sensor, runs=tuple(long_enough))
+    diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
     assert diagnosis is not None
     return diagnosis
+
+
+def _with_sound_sensors(
+    runs: Sequence[Samples], nominal: Machine
+) -> tuple[Sequence[Samples], Suspicion | None, tuple[str, ...]]:
+    """The runs as three sound sensors of phase currents make them; what was wrong with one where i_d and i_q are made
+    of it, else remarks.
+    """
+    fault = sensor_fault(runs)
+    if fault is None:
+        return runs, None, ()
+    if fault.sure and fault.made_of:
+        sensor = of_sensor(fault, runs, nominal)
+        return sensor.runs, sensor, ()
+    if fault.sure and fault.made_of is False:
+        runs = without_fault(runs, fault)
+    return runs, None, (fault.remark(),)
 
 
 def _explained_without(

@@ -22,8 +22,12 @@ UNIT: Final = {
     "u_mirrored": "1",
     "i_mirrored": "1",
     "pole_pairs": "1",
+    "i_a_scale": "1",
+    "i_b_scale": "1",
+    "i_c_scale": "1",
 }
 """Parameters with their units: scales are recorded over expected, and negative for a wrong sign; angles are recorded
 less expected; shifts are the rows by which a column is late; the base is that
 of voltages in per unit, over the dc link; mirrored is 1 where the d and q axes were swapped or one
-of them has the wrong sign, 2 where two phases were swapped; pole pairs are those that the angle was made with."""
+of them has the wrong sign, 2 where two phases were swapped; pole pairs are those that the angle was made with; scales
+of one phase current are of its sensor, 0 for one that is dead."""

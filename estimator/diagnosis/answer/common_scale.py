@@ -11,6 +11,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
+from estimator.diagnosis.intake.causes import AS_GIVEN, Scale, bring_in_order
 from estimator.diagnosis.verdict import Ambiguity, Experiment, Finding, Quantity, Range
 from estimator.machine import PARAMETERS, Machine
 
@@ -72,30 +73,41 @@ def scaled(
     after: Mapping[str, Quantity], off: Collection[str], nominal: Machine, tolerance: Mapping[str, float],
     scales: Mapping[str, Range],
 ) -> list[Ambiguity]:  # fmt: skip
-    """What parameters that are `off` their tolerance leave open: all voltages or currents scaled alike, or another
-    machine.
+    """What parameters that are `off` their tolerance leave open: a machine file that follows another convention, which
+    is asked first, all voltages or currents scaled alike, or another machine.
 
     No doubt where no one scale brings all of them within it; nor of R_s alone, which rises with the winding's
     temperature, unless it is told more closely than others: by a meter.
     """
-    if set(off) <= {"R_s"} and (not off or tolerance["R_s"] >= max(tolerance.values())):
-        return []
     ratios = {name: float(after[name].value or 0.0) / getattr(nominal, name) for name in PARAMETERS}
+    likely = bring_in_order(ratios, nominal.n_p, tolerance) if off else []
+    told = next((one for one in likely if one.of_machine), None)
+    if told is None and set(off) <= {"R_s"} and (not off or tolerance["R_s"] >= max(tolerance.values())):
+        return []
     causes: dict[str, tuple[str, str]] = {}  # by effect: what is read wrong, and what to measure it by
     for what, (effect, measured) in _CAUSES.items():
         open_ = scales.get(what)
         of_psi_f = what == "currents" and abs(ratios["psi_f"] - 1.0) > tolerance["psi_f"]  # which no current scales
         if open_ is not None and not open_.least <= 1.0 <= open_.most and not of_psi_f:
             causes[effect] = f"all {what} may be read as {_range(open_)} times what they are", measured
-    if not causes:
+    if not causes and told is None:
         return []
     shown = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
-    why, measurements = zip(*causes.values(), strict=True)
-    reason = (
-        f"these parameters are so many times their nominal values: {shown}: {'; '.join(why)}; or the machine is "
-        "another one. A recording of voltages and currents alone cannot tell"
-    )
-    return [Ambiguity((*causes, "convention_error"), reason, _measuring(*measurements))]
+    why, measured = [one[0] for one in causes.values()], [one[1] for one in causes.values()]
+    why.append("the machine is another one. A recording of voltages and currents alone cannot tell")
+    shown = f"these parameters are so many times their nominal values: {shown}"
+    if told is None:
+        return [Ambiguity((*causes, "convention_error"), f"{shown}: {'; or '.join(why)}", _measuring(*measured))]
+    asked = f"{told.says}; {shown}; or {'; or '.join(why)}"
+    return [Ambiguity(("convention_error", *causes), asked, look_up(told), rivals=bool(causes))]
+
+
+def look_up(cause: Scale) -> Experiment:
+    """What tells whether a machine file follows another convention."""
+    by = "the voltage of the motor turned without load"
+    if cause.given[:3] != AS_GIVEN[:3]:
+        by = "R_s between two terminals: a phase's is half"
+    return Experiment(f"look up what the values of the motor's data sheet are of, or measure {by}")
 
 
 def _range(scale: Range) -> str:

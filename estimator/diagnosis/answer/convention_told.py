@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
+from estimator.diagnosis.answer.common_scale import look_up
+from estimator.diagnosis.intake.causes import NO_SCALE
 from estimator.diagnosis.intake.convention import Suspicion
 from estimator.diagnosis.verdict import Ambiguity, Diagnosis, Experiment, Finding, Place, Verdict
 from estimator.diagnosis.words import continued
@@ -12,6 +14,7 @@ from estimator.physics import convention_error, voltage_delay
 from estimator.twin.model import Model
 
 _MOST_OF_A_ROW: Final = 0.5
+_LOOK_UP: Final = "look up the recording's units and conventions in the drive's manual"
 
 
 def taken_back(suspicion: Suspicion, model: Model, tolerance: Mapping[str, float]) -> bool:
@@ -32,13 +35,18 @@ def with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     or where parameters are off as by another scale still.
     """
     said = suspicion.sentence.removesuffix(".")
-    perhaps = f"perhaps {continued(said)}"
+    of_machine = suspicion.scale.of_machine
+    perhaps = continued(said) if of_machine else f"perhaps {continued(said)}"
     if suspicion.ambiguous:
-        told = Experiment("look up the recording's units and conventions in the drive's manual")
-        why = f"{perhaps}; it would look the same if {' or if '.join(suspicion.ambiguous[1:])}"
+        told = Experiment(look_up(suspicion.scale) if of_machine else _LOOK_UP)
+        why = f"{perhaps}; it would look the same if {', or if '.join(suspicion.ambiguous[1:])}"
         names = (convention_error.NAME, *suspicion.rival_effects)
         doubt = Ambiguity(names, why, told, rivals=len(names) > 1)
         return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt, *diagnosis.ambiguous))
+    if suspicion.scale is not NO_SCALE and diagnosis.remarks and not diagnosis.ambiguous:
+        doubt = Ambiguity((convention_error.NAME,), f"{perhaps}; but even then {'; '.join(diagnosis.remarks)}",
+                          Experiment(_LOOK_UP), rivals=False)  # fmt: skip
+        return replace(diagnosis, verdict=Verdict.AMBIGUOUS, ambiguous=(doubt,))
     off = [doubt for doubt in diagnosis.ambiguous if diagnosis.remarks and convention_error.NAME in doubt.effects]
     if off:
         doubt = replace(off[0], reason=f"{perhaps}; but even then {off[0].reason}")

@@ -4,14 +4,20 @@ Scales leave the flux balance as closed as it was; forms do not. Knows not which
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 from estimator.diagnosis.intake.correction import MIRROR, PHASES, TURNS, TURNS_TO_DEGREES, Correction
+from estimator.machine import PARAMETERS
 from estimator.online.flux_balance import TURN
 
 MOST_POLE_PAIRS: Final = 12
+WARM: Final = 1.6  # times, by which a winding's warmth raises R_s
+
+Values = tuple[float, float, float, float]  # R_s, L_d, L_q, psi_f
+AS_GIVEN: Final[Values] = (1.0, 1.0, 1.0, 1.0)
 
 _SQRT3: Final = math.sqrt(3.0)
 _RMS: Final = math.sqrt(0.5)
@@ -20,7 +26,7 @@ _INVARIANT: Final = math.sqrt(1.5)
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """What multiplies voltages, currents and the period: recorded over expected."""
+    """What multiplies voltages, currents and the period: recorded over expected. Or values of the machine file."""
 
     name: str
     says: str
@@ -28,6 +34,18 @@ class Scale:
     i: float = 1.0
     T_s: float = 1.0
     prior: float = 3.0  # log-odds that it must bring
+    given: Values = AS_GIVEN  # R_s, L_d, L_q, psi_f of the machine file over what they should be
+
+    @property
+    def by(self) -> Values:
+        """Times the nominal ones, as which R_s, L_d, L_q, psi_f come out."""
+        Z, (R_s, L_d, L_q, psi_f) = self.u / self.i, self.given
+        return Z / R_s, Z * self.T_s / L_d, Z * self.T_s / L_q, self.u * self.T_s / psi_f
+
+    @property
+    def of_machine(self) -> bool:
+        """Whether it is the machine file that follows another convention."""
+        return self.given != AS_GIVEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +83,8 @@ _FACTORS: Final = (
     (1.0 / _INVARIANT, "sqrt_two_thirds", "scaled by sqrt(2/3), as by a power-invariant transformation's inverse"),
     (1.5, "three_halves", "scaled by 3/2: a transformation's factor 2/3 is missing"),
     (1.0 / 1.5, "two_thirds", "scaled by 2/3: a transformation's factor 2/3 was applied twice"),
+    (2.0, "twice", "twice what they are, as by a divider or a range that is taken for another"),
+    (0.5, "half", "half of what they are, as by a divider or a range that is taken for another"),
 )  # fmt: skip
 
 SCALES: Final = (
@@ -79,6 +99,91 @@ SCALES: Final = (
     Scale("period_doubled", "the control period is given twice as long as it is", T_s=2.0),
     Scale("period_halved", "the control period is given half as long as it is", T_s=0.5),
 )  # fmt: skip
+
+_IMPEDANCES: Final[tuple[tuple[str, Values, str, str, float], ...]] = (
+    ("terminal_values", (2.0, 2.0, 2.0, 1.0), "R_s, L_d and L_q of the machine file are twice the recording's",
+     "are they from terminal to terminal? Per phase is half", 2.9),
+    ("terminal_resistance", (2.0, 1.0, 1.0, 1.0), "R_s of the machine file is twice the recording's",
+     "is it from terminal to terminal? Per phase is half", 3.0),
+    ("terminal_inductances", (1.0, 2.0, 2.0, 1.0), "L_d and L_q of the machine file are twice the recording's",
+     "are they from terminal to terminal? Per phase is half", 5.0),
+    ("halved_values", (0.5, 0.5, 0.5, 1.0), "R_s, L_d and L_q of the machine file are half the recording's",
+     "were they halved, as if they had been from terminal to terminal? Per phase is twice", 2.9),
+    ("joined_terminals", (1.5, 1.5, 1.5, 1.0), "R_s, L_d and L_q of the machine file are 3/2 times the recording's",
+     "are they from one terminal to the two others, joined? Per phase is 2/3", 2.9),
+    ("delta", (3.0, 3.0, 3.0, 1.0), "R_s, L_d and L_q of the machine file are 3 times the recording's",
+     "are they of one winding of a delta? Per phase of a star that acts alike is 1/3", 2.9),
+)  # fmt: skip
+"""Impedances as data sheets give them: over those of a phase, what is seen, what it is known for, log-odds to bring.
+Where all three are, a little less than for a current that does the same: the machine file is asked first."""
+
+
+_FLUXES_ALONE: Final[tuple[tuple[str, float, str, str], ...]] = (
+    ("over_sqrt_3", 1.0 / _SQRT3, "1/sqrt(3) of", "was it divided by sqrt(3) twice? Once is sqrt(3) times"),
+    ("sqrt_2", 1.0 / _RMS, "sqrt(2) times", "was it multiplied by sqrt(2) twice? Once is 1/sqrt(2)"),
+    ("twice", 2.0, "twice", "is it a peak-to-peak constant? The peak one is half"),
+)
+"""As `_fluxes`, but where nothing else is off: beside impedances, another cause is the likelier."""
+
+
+def _fluxes(n_p: int) -> Iterator[tuple[str, float, str, str]]:
+    """psi_f as data sheets give it: over the peak one of a phase, that in words, what it is known for."""
+    yield "line_to_line", _SQRT3, "sqrt(3) times", "is it a line-to-line constant? Per phase is 1/sqrt(3)"
+    yield "rms", _RMS, "1/sqrt(2) of", "is it an rms constant? The peak one is sqrt(2) times"
+    yield "line_to_line_rms", _INVARIANT, "sqrt(3/2) times", (
+        "is it a line-to-line rms constant? The peak one of a phase is sqrt(2/3)"
+    )
+    if n_p > 1:
+        yield "per_mechanical_angle", n_p, f"{n_p} times", (
+            f"is it per mechanical rad/s? Per electrical rad/s is 1/{n_p}, by the pole pairs"
+        )
+        yield "over_pole_pairs_twice", 1.0 / n_p, f"1/{n_p} of", (
+            f"was it divided by the {n_p} pole pairs twice? Once is {n_p} times"
+        )
+        yield "line_to_line_per_mechanical_angle", _SQRT3 * n_p, f"sqrt(3) {n_p} times", (
+            "is it a line-to-line constant per mechanical rad/s? Of a phase, per electrical rad/s, is "
+            f"1/(sqrt(3) {n_p})"
+        )
+        yield "line_to_line_rms_per_mechanical_angle", _INVARIANT * n_p, f"sqrt(3/2) {n_p} times", (
+            "is it a line-to-line rms constant per mechanical rad/s? The peak one of a phase, per electrical rad/s, is "
+            f"sqrt(2/3)/{n_p}"
+        )
+    yield "torque_constant", 1.5 * n_p, f"3/2 {n_p} times", (
+        f"is it a torque constant, Nm per peak A? psi_f is that over 3/2 and the pole pairs, {n_p}"
+    )
+
+
+def nominal_causes(n_p: int) -> tuple[Scale, ...]:
+    """Conventions that a machine file may follow in place of peak values of a phase, per electrical rad/s."""
+    impedances = [Scale(f"nominal_{name}", f"{seen}: {known}", prior=prior, given=given)
+                  for name, given, seen, known, prior in _IMPEDANCES]  # fmt: skip
+    found = [*impedances]
+    beside = tuple(_fluxes(n_p))
+    for name, times, seen, known in (*beside, *_FLUXES_ALONE):
+        says = f"psi_f of the machine file is {seen} the recording's: {known}"
+        found.append(Scale(f"nominal_flux_{name}", says, given=(1.0, 1.0, 1.0, times)))
+    for one, (name, times, seen, known) in product(impedances, beside):
+        says = f"{one.says}; psi_f of the machine file is {seen} the recording's: {known}"
+        both = (*one.given[:3], times)
+        found.append(Scale(f"{one.name}_flux_{name}", says, prior=one.prior + 1.0, given=both))
+    return tuple(found)
+
+
+def bring_in_order(over_nominal: Mapping[str, float], n_p: int, tolerance: Mapping[str, float]) -> list[Scale]:
+    """What brings all parameters within their tolerance, R_s but for warmth, likeliest first; none if they are.
+
+    over_nominal: R_s, L_d, L_q, psi_f over the machine file's; tolerance: a share each.
+    """
+    found: list[tuple[float, Scale]] = []
+    for one in (*nominal_causes(n_p), *SCALES):
+        right = {name: over_nominal[name] / by for name, by in zip(PARAMETERS, one.by, strict=True)}
+        most = {name: 1.0 + tolerance[name] for name in PARAMETERS} | {"R_s": max(1.0 + tolerance["R_s"], WARM)}
+        if all(1.0 - tolerance[name] <= right[name] <= most[name] for name in PARAMETERS):
+            if one is NO_SCALE:
+                return []
+            off = sum((math.log(right[name]) / tolerance[name]) ** 2 for name in PARAMETERS if name != "R_s")
+            found.append((one.prior + off, one))
+    return [one for _, one in sorted(found, key=lambda each: each[0])]
 
 
 def forms(n_p: int, *, per_unit: bool, by_speed: bool = False) -> tuple[Cause, ...]:

@@ -17,16 +17,20 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.diagnosis.intake.causes import (
     ANGLE_ROWS,
+    AS_GIVEN,
     DELAYS,
     NO_FORM,
     NO_SCALE,
     SCALES,
+    WARM,
     Cause,
     Scale,
     forms,
+    nominal_causes,
     speed_as,
 )
 from estimator.diagnosis.intake.correction import Correction
+from estimator.diagnosis.intake.phase_sensors import Fault, without_fault
 from estimator.diagnosis.intake.rough_fit import (
     RoughFit,
     RoughStretches,
@@ -58,6 +62,8 @@ _CLOSED_BALANCE: Final = 0.007  # of rated current: what a closed flux balance m
 _FACTORS_APART: Final = 0.16  # log: factors that are nearer are told apart by a closed flux balance, or not at all
 _RIGHT: Final = 5.0  # log-odds that may be left between the parameters and the nominal ones
 _TAIL: Final = np.exp([-2.5, -12.0, -12.0, -12.0])  # of R_s, L_d, L_q, psi_f: R_s takes in what is not modelled
+_CLOSED_TAIL: Final = np.exp([-4.0, -12.0, -12.0, -12.0])  # where nothing is left to be modelled: leads and warmth
+_LOWER_TAIL: Final = np.exp([-12.0] * 4)  # of an R_s that is lower then, which neither makes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +86,7 @@ class Suspicion:
         """The machine that is found in the corrected recording is farther from the nominal one than as recorded."""
         expected, spread = _expected(self.machine, tolerance)
         over = np.array([getattr(found, name) for name in PARAMETERS]) / expected
-        corrected, recorded = (np.sum(_cost(times, spread**2)) for times in (over, over * _by_scale(self.scale)))
+        corrected, recorded = (np.sum(_cost(times, spread**2)) for times in (over, over * np.array(self.scale.by)))
         return bool(corrected > recorded)
 
 
@@ -91,6 +97,7 @@ class _Hypothesis:
     fit: RoughFit  # of the form alone
     over_nominal: Array  # R_s, L_d, L_q, psi_f as corrected, over the nominal ones
     cost: Array  # log-odds of those
+    within: bool  # all of those are within their tolerance, R_s but for warmth, or where what is missing raises it
     speed: float  # speed column over the corrected angle's rate; NaN where that cannot be told
     score: float  # log-odds, but for a constant
 
@@ -140,28 +147,53 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         return None
     hypotheses = _hypotheses(stretches, nominal, tolerance)
     stands = max((h for h in hypotheses if not h.name or h.name == "voltage_delay"), key=lambda h: h.score)
-    best = max(hypotheses, key=lambda h: h.score)
     plain = next(h for h in hypotheses if not h.name)
-    if not _explains(best, stands, plain, stretches, nominal):
-        best = stands
+    best = stands
+    for some in (hypotheses, [h for h in hypotheses if h.scale is NO_SCALE]):
+        likeliest = max(some, key=lambda h: h.score)
+        if _explains(likeliest, stands, plain, stretches, nominal):
+            best = likeliest
+            break
+        if not likeliest.scale.of_machine:  # beside which no factor of the recording is to blame
+            break
     speed = speed_as(best.speed, nominal.n_p, _SAME_SPEED)
     if speed is not None and speed[0] == 1.0:
         speed = None
     rows = rows_of_angle(stretches) if best is stands else 0
     if best is stands and speed is None and not rows:
         return None
-    made = best.correction
+    made, known = best.correction, best.scale.given
     correction = replace(made, omega=made.omega if speed is None else made.omega * speed[0], theta_shift=rows)
     n_p = best.form.pole_pairs
     alike = _as_good(best, stands, hypotheses, speed, _closed(best, stretches, nominal))
+    right = {name: getattr(nominal, name) / times for name, times in zip(PARAMETERS, known, strict=True)}
     return Suspicion(
         best.name if best is not stands else ANGLE_ROWS[rows].name if rows else "speed_unit",
         "; ".join(_says(best, stands, speed, rows)), _sentence(best, stands, speed, rows),
         _undone(correction, nominal, n_p), correction.undone(runs),
-        nominal if n_p is None else replace(nominal, n_p=n_p), _log_odds_over(best, stands),
+        replace(nominal, n_p=n_p or nominal.n_p, **right), _log_odds_over(best, stands),
         tuple(Rival(h.name, _log_odds_over(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
         ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
     )  # fmt: skip
+
+
+def of_sensor(fault: Fault, runs: Sequence[Samples], nominal: Machine) -> Suspicion:
+    """A phase current's sensor, which i_d and i_q are made of, as a cause: the columns tell it by themselves."""
+    scale = f"{fault.name}_scale"
+    return Suspicion(
+        f"{fault.name}_sensor", fault.says, f"{sentence_start(fault.says)}; i_d and i_q, which are made of it, are "
+        f"corrected; {fault.remedy()}.", {scale: Quantity(fault.factor, None, UNIT[scale])},
+        without_fault(runs, fault), nominal, math.exp(700.0), (), (), (),
+    )  # fmt: skip
+
+
+def both(sensor: Suspicion, other: Suspicion) -> Suspicion:
+    """A sensor, and what is suspected of the recording that it was corrected in."""
+    sentences = f"{sensor.sentence} {other.sentence}"
+    if other.ambiguous:
+        return replace(other, sentence=sentences)
+    says, parameters = f"{sensor.says}; {other.says}", {**sensor.parameters, **other.parameters}
+    return replace(other, says=says, sentence=sentences, parameters=parameters, odds=sensor.odds)
 
 
 def _hypotheses(stretches: RoughStretches, nominal: Machine, tolerance: Mapping[str, float]) -> list[_Hypothesis]:
@@ -172,16 +204,19 @@ def _hypotheses(stretches: RoughStretches, nominal: Machine, tolerance: Mapping[
     )  # fmt: skip
     fits = {form: rough_fit(stretches, form.correction, nominal) for form in known}
     least = max(min(f.left for f in fits.values()), 1e-30)
-    scales = (*SCALES, *_base(fits[NO_FORM], nominal)) if per_unit and stretches.u_dc is None else SCALES
+    scales = (*nominal_causes(nominal.n_p), *SCALES)  # of what is alike, the machine file goes first
+    if per_unit and stretches.u_dc is None:
+        scales = (*scales, *_base(fits[NO_FORM], nominal))
     found: list[_Hypothesis] = []
     for form, fitted in fits.items():
         closes = -stretches.count * math.log(max(fitted.left / least, 1.0))
-        ratio = speed_over_rate(stretches, form.correction)
+        ratio, closed = speed_over_rate(stretches, form.correction), _is_closed(fitted, form, stretches, nominal)
         for scale in scales if form is NO_FORM or form in DELAYS else (NO_SCALE,):
-            over, cost = _against_nominal(fitted, scale, expected, spread)
+            over, cost = _against_nominal(fitted, scale, expected, spread, closed=closed)
             speed = ratio / scale.T_s
             score = closes - float(np.sum(cost)) - form.prior - scale.prior - _cost_of_speed(speed, nominal.n_p)
-            found.append(_Hypothesis(form, scale, fitted, over, cost, speed, score))
+            within = _within(over, fitted.std / (expected * np.array(scale.by)), tolerance, closed=closed)
+            found.append(_Hypothesis(form, scale, fitted, over, cost, within, speed, score))
     return found
 
 
@@ -191,24 +226,32 @@ def _expected(nominal: Machine, tolerance: Mapping[str, float]) -> tuple[Array, 
     return expected, np.array([tolerance[name] for name in PARAMETERS]) / math.sqrt(3.0)
 
 
-def _by_scale(scale: Scale) -> Array:
-    """Times what they are, as which R_s, L_d, L_q, psi_f come out."""
-    Z = scale.u / scale.i
-    return np.array([Z, Z * scale.T_s, Z * scale.T_s, scale.u * scale.T_s])
+def _within(over: Array, std: Array, tolerance: Mapping[str, float], *, closed: bool) -> bool:
+    """Whether parameters over the nominal ones, with their standard errors, are within their tolerance.
+
+    R_s but for a winding's warmth, or for all that raises it where the flux balance is not closed.
+    """
+    least = np.array([1.0 - tolerance[name] for name in PARAMETERS])
+    most = np.array([1.0 + tolerance[name] for name in PARAMETERS])
+    most[0] = max(most[0], WARM) if closed else math.inf
+    return bool(np.all((over + 2.0 * std >= least) & (over - 2.0 * std <= most)))
 
 
-def _against_nominal(fitted: RoughFit, scale: Scale, expected: Array, spread: Array) -> tuple[Array, Array]:
-    """Parameters over the nominal ones, and the log-odds that their distances cost."""
-    by = expected * _by_scale(scale)
+def _against_nominal(
+    fitted: RoughFit, scale: Scale, expected: Array, spread: Array, *, closed: bool
+) -> tuple[Array, Array]:
+    """Parameters over the nominal ones, and the log-odds that their distances cost. `closed`: a flux balance."""
+    by = expected * np.array(scale.by)
     over = fitted.value / by
     variance = spread**2 + (fitted.std / by / np.maximum(np.abs(over), 0.3)) ** 2
-    return over, _cost(over, variance)
+    tail = _TAIL if not closed else _CLOSED_TAIL if over[0] > 1.0 else _LOWER_TAIL
+    return over, _cost(over, variance, tail)
 
 
-def _cost(over: Array, variance: Array) -> Array:
+def _cost(over: Array, variance: Array, tail: Array = _TAIL) -> Array:
     """Log-odds that parameters cost by their distances from the nominal ones, given the variance of the logarithms."""
     off = np.log(np.maximum(over, 0.02))
-    return -np.log((1.0 - _TAIL) * np.exp(-0.5 * off**2 / variance) + _TAIL)
+    return -np.log((1.0 - tail) * np.exp(-0.5 * off**2 / variance) + tail)
 
 
 def _base(fitted: RoughFit, nominal: Machine) -> tuple[Scale, ...]:
@@ -236,26 +279,33 @@ def _explains(
 
     plain: as it stands without a delay, which physics that is left out may look like.
     """
-    if h is stands or h.score - stands.score < LEAST_LOG_ODDS or not h.in_order:
-        return False
-    if h.fit.left > _LEAVES_MORE * max(stands.fit.left, plain.fit.left):
+    leaves_more = h.fit.left > _LEAVES_MORE * max(stands.fit.left, plain.fit.left)
+    if h is stands or h.score - stands.score < LEAST_LOG_ODDS or not h.in_order or leaves_more:
         return False
     if h.fit.left < _HALVED * stands.fit.left:  # which a lagging loss may do for a shift that is none
         return h.fit.left < _BY_FAR * stands.fit.left or _closed(h, stretches, nominal)
     if np.sum(stands.fit.value[1:] < -3.0 * stands.fit.std[1:]) >= 2:  # inductances or flux below zero
         return True
     off = np.abs(np.log(np.maximum(stands.over_nominal, 0.02))) - 2.0 * stands.relative_std
+    if h.scale.of_machine and not h.within:
+        return False
     if off[3] > _MAGNETS or (off[3] > _BEYOND_PHYSICS and np.sum(off > _BEYOND_PHYSICS) >= 2):
         return True
     # Physics that is left out may raise R_s, L_d and L_q together, but leaves a balance that is not closed
-    return _closed(stands, stretches, nominal) and bool(off[3] > _BEYOND_PHYSICS or np.sum(off > _BEYOND_PHYSICS) >= 2)
+    fewest = 1 if h.scale.of_machine else 2
+    far = bool(off[3] > _BEYOND_PHYSICS or np.sum(off > _BEYOND_PHYSICS) >= fewest)
+    return far and _closed(stands, stretches, nominal)
 
 
 def _closed(h: _Hypothesis, stretches: RoughStretches, nominal: Machine) -> bool:
     """Whether a flux balance leaves nothing, as a current, of the rated one, or of the largest there is."""
-    L, c = max(0.5 * (abs(h.fit.value[1]) + abs(h.fit.value[2])), 1e-12), h.form.correction
+    return _is_closed(h.fit, h.form, stretches, nominal)
+
+
+def _is_closed(fitted: RoughFit, form: Cause, stretches: RoughStretches, nominal: Machine) -> bool:
+    L, c = max(0.5 * (abs(fitted.value[1]) + abs(fitted.value[2])), 1e-12), form.correction
     volts = c.per_unit * float(np.mean(stretches.u_dc)) if c.per_unit and stretches.u_dc is not None else 1.0
-    left = math.sqrt(h.fit.left) * volts / abs(c.u) * stretches.T_s / L
+    left = math.sqrt(fitted.left) * volts / abs(c.u) * stretches.T_s / L
     return left < _CLOSED_BALANCE * (nominal.i_rated or float(np.quantile(np.abs(stretches.i), 0.999)))
 
 
@@ -280,23 +330,36 @@ def _as_good(
         if abs(math.log(max(float(stands.over_nominal[3]), 0.02))) > _MAGNETS:  # by that angle it is no machine
             return _of_speed(speed), "the angle is not the electrical one in rad"
         return ()
-    found = [h.says for h in _rivals(best, stands, hypotheses) if _log_odds_over(best, h) < AS_GOOD and h.in_order]
-    if best is not stands and not closed:  # physics that is left out moves parameters by as much
+    found = [
+        h.says for h in _rivals(best, stands, hypotheses)
+        if _log_odds_over(best, h) < AS_GOOD and h.in_order and (not best.scale.of_machine or _as_far(best, h))
+    ]
+    if not (best is stands or closed or best.scale.of_machine):  # physics that is left out moves parameters by as much
         found += [
             h.says for h in hypotheses if _factors_apart(h, best) < _FACTORS_APART and h.says not in (*found, best.says)
         ]
     if read := _read_as(best, stands):
         found.append(f"the dc link's voltage is read as {read:.2g} times what it is")
     weaker = 1.0 - stands.over_nominal[3]
-    if best.scale.u == best.scale.i < 1.0 and weaker > 0.0:
+    of_psi_f = best.scale.given[:3] == AS_GIVEN[:3] and best.scale.of_machine
+    if (best.scale.u == best.scale.i < 1.0 or of_psi_f) and weaker > 0.0:
         found.append(f"the magnets are {weaker:.0%} weaker than the nominal ones")
+    if best.scale.u == best.scale.i != 1.0:
+        found.append("psi_f of the machine file alone is off by that")
+    if best.scale.of_machine:
+        found.append("the machine is another one")
     return (best.says, *found) if found else ()
+
+
+def _as_far(best: _Hypothesis, other: _Hypothesis) -> bool:
+    """Whether another cause brings all parameters within their tolerance, and, of the machine file, the same ones."""
+    return other.within and (not other.scale.of_machine or np.allclose(best.scale.given, other.scale.given))
 
 
 def _factors_apart(h: _Hypothesis, other: _Hypothesis) -> float:
     """How far two causes that differ by factors alone are apart, log; infinite for others."""
     one, two = h.correction, other.correction
-    if h.form in DELAYS or (one.per_unit > 0.0) != (two.per_unit > 0.0):
+    if h.scale.of_machine or h.form in DELAYS or (one.per_unit > 0.0) != (two.per_unit > 0.0):
         return math.inf
     if replace(one, u=two.u, i=two.i, T_s=two.T_s, per_unit=two.per_unit) != two:
         return math.inf
@@ -337,6 +400,8 @@ def _sentence(best: _Hypothesis, stands: _Hypothesis, speed: tuple[float, str] |
     parts = _says(best, stands, speed, rows)
     if best is not stands:
         before, after = math.sqrt(stands.fit.left), math.sqrt(best.fit.left)
+        if best.scale.of_machine:
+            return f"{sentence_start('; '.join(parts))}."
         if after < 0.7 * before:
             undone = f"once that is undone, {after / before:.2g} of what the voltages left unexplained is left"
         else:

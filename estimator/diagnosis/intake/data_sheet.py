@@ -4,13 +4,13 @@ What a rough fit tells, in sentences. Small units of a recording are thought of 
 no effect.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.diagnosis.intake.causes import bring_in_order
 from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.intake.rough_fit import RoughFit, RoughStretches, rough_fit, stretches_of
 from estimator.diagnosis.words import listed, number
@@ -109,7 +109,7 @@ def _asked(compared: _Compared, nominal: Machine) -> str:
 
 def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
     """A nominal machine in other units."""
-    over, told = compared.over, compared.told
+    over = compared.over
     likely = {name for name in PARAMETERS if compared.near(name, 1.0)}
     closed = compared.fit.share > _CLOSED_SHARE
     for names in (("R_s",), ("L_d", "L_q"), ("psi_f",)):
@@ -121,12 +121,6 @@ def _given(compared: _Compared, nominal: Machine) -> Iterator[Wrong]:
                 seem = f"{' and '.join(names)} seem{'' if len(names) > 1 else 's'}"
                 yield Wrong(f"the nominal {seem} to be in {says} of the unit: {first} is given as {given:.4g} "
                             f"{UNITS[first]}, the recording asks for {asked:.3g}; expected SI units", True)
-    if likely >= {"L_d", "L_q", "psi_f"} and told["R_s"] and compared.fit.share > 0.999:
-        near = {name for name in PARAMETERS if abs(math.log(over[name])) < 0.2} if over["R_s"] > 0.0 else set[str]()
-        half = {name for name in PARAMETERS if abs(math.log(max(over[name], 1e-9) * 2.0)) < 0.12}
-        if half in ({"R_s"}, {"R_s", "L_d", "L_q"}) and near == set(PARAMETERS) - half:
-            yield Wrong(f"the recording asks for half the nominal {', '.join(sorted(half))}: a line-to-line value, "
-                        "expected that of a phase")
 
 
 # --- Values that are wrong
@@ -156,7 +150,10 @@ def contradicted(runs: Sequence[Samples], nominal: Machine) -> str | None:
         f"the nominal {name} is {number(getattr(nominal, name))} {UNITS[name]}, the recording says "
         f"{number(compared.over[name] * getattr(nominal, name))} {UNITS[name]}" for name in wrong
     ]  # fmt: skip
-    return f"{listed(said)}: beyond what physics makes of a machine; expected the values of the recorded motor"
+    beyond = f"{listed(said)}: beyond what physics makes of a machine; expected the values of the recorded motor"
+    tolerance = dict.fromkeys(PARAMETERS, _MAY_DIFFER)
+    asked = [cause.says for cause in bring_in_order(compared.over, nominal.n_p, tolerance) if cause.of_machine]
+    return f"{beyond}; {asked[0]}" if asked else beyond
 
 
 def _exchanged(compared: _Compared, nominal: Machine) -> bool:
