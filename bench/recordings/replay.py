@@ -15,7 +15,7 @@ from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
-from bench.recordings.sources import PHASES
+from bench.recordings.sources import PHASES, TEMPERATURES
 from bench.recordings.turned import Turned
 from estimator.diagnosis.intake.causes import bring_in_order
 from estimator.diagnosis.intake.phase_sensors import Fault, PhaseSums
@@ -135,6 +135,8 @@ class _Warmth:
     def take(self, chunk: Chunk) -> None:
         """The next rows."""
         for name, column in chunk.beside.items():
+            if name not in TEMPERATURES:
+                continue
             if self._rows is None:
                 self._sums[name] = _added(self._sums.get(name, (0.0, 0)), column)
             else:

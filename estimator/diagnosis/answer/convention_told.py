@@ -38,7 +38,7 @@ def with_convention(diagnosis: Diagnosis, suspicion: Suspicion) -> Diagnosis:
     of_machine = suspicion.scale.of_machine
     perhaps = continued(said) if of_machine else f"perhaps {continued(said)}"
     if suspicion.ambiguous:
-        told = Experiment(look_up(suspicion.scale) if of_machine else _LOOK_UP)
+        told = look_up(suspicion.scale) if of_machine else Experiment(_LOOK_UP)
         why = f"{perhaps}; it would look the same if {', or if '.join(suspicion.ambiguous[1:])}"
         names = (convention_error.NAME, *suspicion.rival_effects)
         doubt = Ambiguity(names, why, told, rivals=len(names) > 1)

@@ -102,53 +102,51 @@ SCALES: Final = (
 
 _IMPEDANCES: Final[tuple[tuple[str, Values, str, str, float], ...]] = (
     ("terminal_values", (2.0, 2.0, 2.0, 1.0), "R_s, L_d and L_q of the machine file are twice the recording's",
-     "are they from terminal to terminal? Per phase is half", 2.9),
+     "are they from terminal to terminal? Per phase is half", 3.0),
     ("terminal_resistance", (2.0, 1.0, 1.0, 1.0), "R_s of the machine file is twice the recording's",
      "is it from terminal to terminal? Per phase is half", 3.0),
     ("terminal_inductances", (1.0, 2.0, 2.0, 1.0), "L_d and L_q of the machine file are twice the recording's",
      "are they from terminal to terminal? Per phase is half", 5.0),
     ("halved_values", (0.5, 0.5, 0.5, 1.0), "R_s, L_d and L_q of the machine file are half the recording's",
-     "were they halved, as if they had been from terminal to terminal? Per phase is twice", 2.9),
+     "were they halved, as if they had been from terminal to terminal? Per phase is twice", 3.0),
     ("joined_terminals", (1.5, 1.5, 1.5, 1.0), "R_s, L_d and L_q of the machine file are 3/2 times the recording's",
-     "are they from one terminal to the two others, joined? Per phase is 2/3", 2.9),
+     "are they from one terminal to the two others, joined? Per phase is 2/3", 3.0),
     ("delta", (3.0, 3.0, 3.0, 1.0), "R_s, L_d and L_q of the machine file are 3 times the recording's",
-     "are they of one winding of a delta? Per phase of a star that acts alike is 1/3", 2.9),
+     "are they of one winding of a delta? Per phase of a star that acts alike is 1/3", 3.0),
 )  # fmt: skip
-"""Impedances as data sheets give them: over those of a phase, what is seen, what it is known for, log-odds to bring.
-Where all three are, a little less than for a current that does the same: the machine file is asked first."""
+"""Impedances as data sheets give them: over those of a phase, what is seen, what it is known for, log-odds to bring."""
 
 
 _FLUXES_ALONE: Final[tuple[tuple[str, float, str, str], ...]] = (
     ("over_sqrt_3", 1.0 / _SQRT3, "1/sqrt(3) of", "was it divided by sqrt(3) twice? Once is sqrt(3) times"),
     ("sqrt_2", 1.0 / _RMS, "sqrt(2) times", "was it multiplied by sqrt(2) twice? Once is 1/sqrt(2)"),
     ("twice", 2.0, "twice", "is it a peak-to-peak constant? The peak one is half"),
-)
+)  # fmt: skip
 """As `_fluxes`, but where nothing else is off: beside impedances, another cause is the likelier."""
+_FLUX_BESIDE: Final = (
+    "line_to_line_rms", _INVARIANT, "sqrt(3/2) times",
+    "is it a line-to-line rms constant? The peak one of a phase is sqrt(2/3)",
+)  # fmt: skip
+"""The same beside impedances: alone, warm magnets are nearly as far off."""
 
 
 def _fluxes(n_p: int) -> Iterator[tuple[str, float, str, str]]:
     """psi_f as data sheets give it: over the peak one of a phase, that in words, what it is known for."""
     yield "line_to_line", _SQRT3, "sqrt(3) times", "is it a line-to-line constant? Per phase is 1/sqrt(3)"
     yield "rms", _RMS, "1/sqrt(2) of", "is it an rms constant? The peak one is sqrt(2) times"
-    yield "line_to_line_rms", _INVARIANT, "sqrt(3/2) times", (
-        "is it a line-to-line rms constant? The peak one of a phase is sqrt(2/3)"
-    )
     if n_p > 1:
         yield "per_mechanical_angle", n_p, f"{n_p} times", (
             f"is it per mechanical rad/s? Per electrical rad/s is 1/{n_p}, by the pole pairs"
         )
-        yield "over_pole_pairs_twice", 1.0 / n_p, f"1/{n_p} of", (
-            f"was it divided by the {n_p} pole pairs twice? Once is {n_p} times"
-        )
-        yield "line_to_line_per_mechanical_angle", _SQRT3 * n_p, f"sqrt(3) {n_p} times", (
+        yield "line_to_line_per_mechanical_angle", _SQRT3 * n_p, f"sqrt(3) times {n_p} times", (
             "is it a line-to-line constant per mechanical rad/s? Of a phase, per electrical rad/s, is "
             f"1/(sqrt(3) {n_p})"
         )
-        yield "line_to_line_rms_per_mechanical_angle", _INVARIANT * n_p, f"sqrt(3/2) {n_p} times", (
+        yield "line_to_line_rms_per_mechanical_angle", _INVARIANT * n_p, f"sqrt(3/2) times {n_p} times", (
             "is it a line-to-line rms constant per mechanical rad/s? The peak one of a phase, per electrical rad/s, is "
             f"sqrt(2/3)/{n_p}"
         )
-    yield "torque_constant", 1.5 * n_p, f"3/2 {n_p} times", (
+    yield "torque_constant", 1.5 * n_p, f"3/2 times {n_p} times", (
         f"is it a torque constant, Nm per peak A? psi_f is that over 3/2 and the pole pairs, {n_p}"
     )
 
@@ -158,11 +156,16 @@ def nominal_causes(n_p: int) -> tuple[Scale, ...]:
     impedances = [Scale(f"nominal_{name}", f"{seen}: {known}", prior=prior, given=given)
                   for name, given, seen, known, prior in _IMPEDANCES]  # fmt: skip
     found = [*impedances]
-    beside = tuple(_fluxes(n_p))
-    for name, times, seen, known in (*beside, *_FLUXES_ALONE):
+    alone, beside = _FLUXES_ALONE, (*_fluxes(n_p), _FLUX_BESIDE)
+    if n_p > 1:
+        known = f"was it divided by the {n_p} pole pairs twice? Once is {n_p} times"
+        alone = (*alone, ("over_pole_pairs_twice", 1.0 / n_p, f"1/{n_p} of", known))
+    for name, times, seen, known in (*_fluxes(n_p), *alone):
         says = f"psi_f of the machine file is {seen} the recording's: {known}"
-        found.append(Scale(f"nominal_flux_{name}", says, given=(1.0, 1.0, 1.0, times)))
-    for one, (name, times, seen, known) in product(impedances, beside):
+        prior = 5.0 if (name, times, seen, known) in alone else 3.0
+        found.append(Scale(f"nominal_flux_{name}", says, prior=prior, given=(1.0, 1.0, 1.0, times)))
+    from_sheet = [one for one in impedances if one.given[1] > 1.0]
+    for one, (name, times, seen, known) in product(from_sheet, beside):
         says = f"{one.says}; psi_f of the machine file is {seen} the recording's: {known}"
         both = (*one.given[:3], times)
         found.append(Scale(f"{one.name}_flux_{name}", says, prior=one.prior + 1.0, given=both))
@@ -177,7 +180,9 @@ def bring_in_order(over_nominal: Mapping[str, float], n_p: int, tolerance: Mappi
     found: list[tuple[float, Scale]] = []
     for one in (*nominal_causes(n_p), *SCALES):
         right = {name: over_nominal[name] / by for name, by in zip(PARAMETERS, one.by, strict=True)}
-        most = {name: 1.0 + tolerance[name] for name in PARAMETERS} | {"R_s": max(1.0 + tolerance["R_s"], WARM)}
+        most = {name: 1.0 + tolerance[name] for name in PARAMETERS}
+        if one is NO_SCALE or one.by[1:] != AS_GIVEN[1:]:  # of which R_s is not all that tells
+            most["R_s"] = max(most["R_s"], WARM)
         if all(1.0 - tolerance[name] <= right[name] <= most[name] for name in PARAMETERS):
             if one is NO_SCALE:
                 return []

@@ -150,7 +150,7 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
     plain = next(h for h in hypotheses if not h.name)
     best = stands
     for some in (hypotheses, [h for h in hypotheses if h.scale is NO_SCALE]):
-        likeliest = max(some, key=lambda h: h.score)
+        likeliest = _likeliest(some)
         if _explains(likeliest, stands, plain, stretches, nominal):
             best = likeliest
             break
@@ -175,6 +175,15 @@ def suspected(runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str,
         tuple(Rival(h.name, _log_odds_over(best, h)) for h in _rivals(best, stands, hypotheses)), alike,
         ("dc_link_gain",) if _read_as(best, stands) else (), best.scale,
     )  # fmt: skip
+
+
+def _likeliest(hypotheses: Sequence[_Hypothesis]) -> _Hypothesis:
+    """The one that scores best; of factors, one of the machine file goes before those that do no better by far."""
+    best = max(hypotheses, key=lambda h: h.score)
+    if best.scale is NO_SCALE or best.scale.of_machine:
+        return best
+    asked = [h for h in hypotheses if h.scale.of_machine and h.within and _log_odds_over(best, h) < AS_GOOD]
+    return max(asked, key=lambda h: h.score, default=best)
 
 
 def of_sensor(fault: Fault, runs: Sequence[Samples], nominal: Machine) -> Suspicion:
@@ -332,7 +341,7 @@ def _as_good(
         return ()
     found = [
         h.says for h in _rivals(best, stands, hypotheses)
-        if _log_odds_over(best, h) < AS_GOOD and h.in_order and (not best.scale.of_machine or _as_far(best, h))
+        if _log_odds_over(best, h) < AS_GOOD and h.in_order and _as_far(best, h)
     ]
     if not (best is stands or closed or best.scale.of_machine):  # physics that is left out moves parameters by as much
         found += [
@@ -352,8 +361,10 @@ def _as_good(
 
 
 def _as_far(best: _Hypothesis, other: _Hypothesis) -> bool:
-    """Whether another cause brings all parameters within their tolerance, and, of the machine file, the same ones."""
-    return other.within and (not other.scale.of_machine or np.allclose(best.scale.given, other.scale.given))
+    """Whether another cause brings all within their tolerance, where the machine file does, by impedances as it has."""
+    if not best.scale.of_machine:
+        return not other.scale.of_machine
+    return other.within and (not other.scale.of_machine or best.scale.given[:3] == other.scale.given[:3])
 
 
 def _factors_apart(h: _Hypothesis, other: _Hypothesis) -> float:

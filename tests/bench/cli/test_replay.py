@@ -118,6 +118,64 @@ def test_temperatures_of_the_rows_that_it_rests_on_stand_beside(
     assert json.loads(out.read_text(encoding="utf-8"))["temperatures_degC"] == {}
 
 
+def test_a_phase_current_of_the_wrong_sign_or_none_leaves_no_value_ok(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns = {name: np.asarray(column) for name, column in VirtualDrive(PAPER).record(6000).items()}
+    theta_e = columns["theta_e"]
+    i = columns["i_d"] + 1j * columns["i_q"]
+    phases = [(i * np.exp(1j * (theta_e - 2.0 * np.pi * k / 3.0))).real for k in range(3)]
+
+    def told(*sensors: Any) -> tuple[dict[str, Any], int]:
+        a, b, c = sensors
+        wrong = ((2.0 * a - b - c) / 3.0 + 1j * (b - c) / math.sqrt(3.0)) * np.exp(-1j * theta_e)
+        file, out = tmp_path / "phases.parquet", tmp_path / "result.json"
+        made = {"i_d": wrong.real, "i_q": wrong.imag, "i_a": a, "i_b": b, "i_c": c}
+        pq.write_table(pa.table({**columns, **made}), file)
+        code = pmsm_bench("replay", file, "--json", out, monkeypatch=monkeypatch)
+        content = json.loads(out.read_text(encoding="utf-8"))
+        out.unlink()
+        return content, code
+
+    content, code = told(*phases)
+    assert code == 0
+    expect_truth(content)
+    assert not any("i_b" in remark for remark in content["remarks"])
+    for sensors, says in (
+        ((phases[0], -phases[1], phases[2]), "-(i_a + i_c): i_b has the wrong sign"),
+        ((phases[0], 0.0 * phases[1], phases[2]), "i_b is 0 in all rows while i_a and i_c are not"),
+    ):
+        content, code = told(*sensors)
+        assert code != 0
+        assert all(e["status"] != "ok" for e in content["estimates"].values())
+        assert all(says in e["reason"] for e in content["estimates"].values() if e["status"] == "doubtful")
+        (remark,) = (remark for remark in content["remarks"] if says in remark)
+        assert "i_d and i_q are made of it" in remark
+        assert remark.endswith("pmsm-bench diagnose corrects them")
+
+
+def test_a_machine_file_of_another_convention_and_voltages_by_two_are_asked_about(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def remarks(machine: str, *options: str) -> str:
+        file, out = tmp_path / "machine.toml", tmp_path / "result.json"
+        file.write_text(machine, encoding="utf-8")
+        pmsm_bench("replay", recordings / "run.parquet", "--nominal", file, "--json", out, *options,
+                   monkeypatch=monkeypatch)  # fmt: skip
+        content = json.loads(out.read_text(encoding="utf-8"))
+        out.unlink()
+        return " ".join(content["remarks"])
+
+    terminal = "[machine]\nR_s = 1.9328\nL_d = 8.48e-3\nL_q = 12.42e-3\npsi_f = 0.12\n"
+    assert "R_s, L_d and L_q of the machine file are twice the recording's: are they from terminal to terminal? " \
+        "Per phase is half; or the currents are twice what they are" in remarks(terminal)  # fmt: skip
+    line = MACHINE.replace("psi_f = 0.12", "psi_f = 0.20785")
+    assert "psi_f of the machine file is sqrt(3) times the recording's: is it a line-to-line constant?" in remarks(line)
+    twice = remarks(MACHINE, "--map", "u_d=u_d*2,u_q=u_q*2")
+    assert "are 2, 2, 2 and 2 times the nominal ones: the voltages are twice what they are" in twice
+    assert "times the nominal ones" not in remarks(MACHINE)
+
+
 TUNING = """preset = "custom"
 model = "inductances"
 P_0 = [1e-4, 1e-4, 0.1, 1e-6, 4e-6]

@@ -72,6 +72,26 @@ def test_parameters_beyond_their_tolerance_are_asked_about_by_what_they_have_in_
     assert asked(told()) == []
 
 
+def test_a_machine_file_of_another_convention_is_asked_about_before_sensors() -> None:
+    def asked(by: dict[str, float]) -> list[Ambiguity]:
+        after = {name: Quantity(getattr(NOMINAL, name) / by.get(name, 1.0), 0.0, UNITS[name]) for name in PARAMETERS}
+        return scaled(after, list(by), NOMINAL, TOLERANCE, scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS))
+
+    (doubt,) = asked(dict.fromkeys(IMPEDANCES, 2.0))
+    assert doubt.effects == ("convention_error", "current_sensor_gain")
+    assert doubt.rivals
+    assert doubt.reason.startswith("R_s, L_d and L_q of the machine file are twice the recording's: are they from term")
+    assert "psi_f 1.00; or all currents may be read as 1.80 to 2.20 times what they are; or the machine" in doubt.reason
+    (doubt,) = asked({"psi_f": 3.0**0.5})
+    assert doubt.effects == ("convention_error",)
+    assert not doubt.rivals
+    assert doubt.reason.startswith("psi_f of the machine file is sqrt(3) times the recording's")
+    (doubt,) = asked({"R_s": 2.0})
+    assert doubt.reason.startswith("R_s of the machine file is twice the recording's")
+    assert asked({"psi_f": 1.2})[0].effects == ("dc_link_gain", "convention_error")
+    assert asked({"R_s": 1.4}) == []
+
+
 def test_a_winding_is_warm_before_all_else_is_scaled_unless_a_meter_tells_it() -> None:
     after = told(voltages=1.05)
     scales = scales_left_open(after, NOMINAL, TOLERANCE, PARAMETERS)

@@ -1,7 +1,7 @@
 """Conventions: a recording that follows another one is told from one that lacks physics, and brought in order."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +47,8 @@ FOUND: dict[str, tuple[Error, str, dict[str, float]]] = {
         {"u_scale": _3, "u_angle": TURN / 12.0},
     ),
     "rms voltages": (scaled(u=1.0 / _2), "voltage_rms", {"u_scale": 1.0 / _2}),
+    "voltages twice": (scaled(u=2.0), "voltage_twice", {"u_scale": 2.0}),
+    "voltages by half": (scaled(u=0.5), "voltage_half", {"u_scale": 0.5}),
     "voltages times 3/2": (scaled(u=1.5), "voltage_three_halves", {"u_scale": 1.5}),
     "line-to-line rms voltages and rms currents": (
         scaled(_3 / _2, 1.0 / _2), "line_to_line_rms", {"u_scale": _3 / _2, "i_scale": 1.0 / _2},
@@ -109,6 +111,125 @@ def test_what_users_do_to_a_recording_is_named_and_undone(name: str) -> None:
             np.testing.assert_allclose(np.unwrap(run.theta_e) - run.theta_e[0], turned - turned[0], atol=1e-6)
         assert suspicion.machine == nominal
         assert suspected(suspicion.runs, suspicion.machine, TOLERANCE) is None
+
+
+@pytest.mark.parametrize("name", ["voltages twice", "a period twice as long", "a period half as long"])
+def test_a_factor_that_leaves_a_parameter_off_does_not_do_as_well_as_one_that_leaves_none(name: str) -> None:
+    """Twice the voltages are twice all four parameters, twice the period is not R_s."""
+    for number in NUMBERS:
+        assert not found(FOUND[name][0], number).ambiguous, number
+
+
+_TERMINAL = dict.fromkeys(("R_s", "L_d", "L_q"), 2.0)
+_PER_PHASE = "are they from terminal to terminal? Per phase is half"
+_LINE = "psi_f of the machine file is sqrt(3) times the recording's: is it a line-to-line constant? Per phase is 1/sqrt"
+SHEETS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
+    "terminal_values": (_TERMINAL, ("R_s, L_d and L_q of the machine file are twice the recording's", _PER_PHASE)),
+    "terminal_values_flux_line_to_line": (_TERMINAL | {"psi_f": _3}, (_PER_PHASE, _LINE)),
+    "flux_line_to_line": ({"psi_f": _3}, (_LINE,)),
+    "flux_over_sqrt_3": ({"psi_f": 1.0 / _3}, ("1/sqrt(3) of the recording's: was it divided by sqrt(3) twice?",)),
+    "flux_rms": ({"psi_f": 1.0 / _2}, ("1/sqrt(2) of the recording's: is it an rms constant?",)),
+    "terminal_resistance": ({"R_s": 2.0}, ("R_s of the machine file is twice the recording's: is it from terminal",)),
+    "joined_terminals": (dict.fromkeys(_TERMINAL, 1.5), ("3/2 times", "from one terminal to the two others, joined?")),
+    "halved_values": (dict.fromkeys(_TERMINAL, 0.5), ("half the recording's: were they halved",)),
+    "delta": (dict.fromkeys(_TERMINAL, 3.0), ("3 times the recording's: are they of one winding of a delta?",)),
+}  # fmt: skip
+
+
+def as_sheet(nominal: Machine, times: Mapping[str, float]) -> Machine:
+    return replace(nominal, **{name: factor * getattr(nominal, name) for name, factor in times.items()})
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_a_machine_file_of_another_convention_is_asked_about_and_put_right(name: str) -> None:
+    times, says = SHEETS[name]
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        suspicion = suspected(runs, as_sheet(nominal, times), TOLERANCE)
+        assert suspicion is not None, number
+        assert all(part in " ".join(suspicion.ambiguous) for part in says), number
+        if suspicion.cause == f"nominal_{name}":
+            for parameter in PARAMETERS:
+                assert getattr(suspicion.machine, parameter) == pytest.approx(getattr(nominal, parameter))
+        else:  # another one is as near, by what a motor differs from its data sheet
+            assert suspicion.cause.startswith("nominal_")
+        assert suspicion.ambiguous[0] == suspicion.says
+        assert suspicion.ambiguous[-1] == "the machine is another one"  # a recording alone does not tell
+        assert all(np.array_equal(a.i_q, b.i_q) and np.array_equal(a.u_q, b.u_q)
+                   for a, b in zip(suspicion.runs, runs, strict=True))  # fmt: skip
+
+
+def test_a_flux_per_mechanical_angle_is_told_with_the_pole_pairs() -> None:
+    for number in NUMBERS:
+        runs, nominal = recording("none", number)
+        for factor, cause in ((nominal.n_p, "per_mechanical_angle"), (1.0 / nominal.n_p, "over_pole_pairs_twice"),
+                              (1.5 * nominal.n_p, "torque_constant")):  # fmt: skip
+            suspicion = suspected(runs, as_sheet(nominal, {"psi_f": factor}), TOLERANCE)
+            assert suspicion is not None, number
+            assert f"nominal_flux_{cause}" in {suspicion.cause, *(rival.effect for rival in suspicion.rivals)}
+            assert suspicion.machine.psi_f == pytest.approx(nominal.psi_f, rel=0.25)
+
+
+def test_currents_by_two_are_asked_about_beside_a_machine_file_that_does_the_same() -> None:
+    for number in NUMBERS:
+        suspicion = found(scaled(i=2.0), number)
+        assert suspicion.cause == "nominal_terminal_values", number
+        assert any(says.startswith("the currents are twice what they are") for says in suspicion.ambiguous[1:])
+
+
+def test_beside_a_machine_file_no_factor_of_the_recording_is_to_blame() -> None:
+    """A dead time raises R_s, and hides whether the file's impedances are twice those of a phase."""
+    runs, nominal = recording("dead_time", 1, seed=31)
+    suspicion = suspected(runs, as_sheet(nominal, _TERMINAL | {"psi_f": _3}), TOLERANCE)
+    assert suspicion is not None
+    assert suspicion.cause == "nominal_terminal_values_flux_line_to_line"
+    assert suspected(runs, as_sheet(nominal, _TERMINAL), TOLERANCE) is None
+
+
+def test_the_verdict_asks_about_the_machine_file_first() -> None:
+    runs, nominal = recording("none", 3, length=1.0)
+    said = diagnose(runs, as_sheet(nominal, _TERMINAL))
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+    (doubt,) = said.ambiguous
+    assert doubt.effects == ("convention_error",)
+    assert doubt.reason.startswith("R_s, L_d and L_q of the machine file are twice the recording's: " + _PER_PHASE)
+    assert "; it would look the same if the currents are twice what they are" in doubt.reason
+    assert "measure R_s between two terminals: a phase's is half" in doubt.experiment.sentence
+    said = diagnose(runs, as_sheet(nominal, {"psi_f": _3}))
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert said.ambiguous[0].reason.startswith(_LINE)
+    assert "the voltage of the motor turned without load" in said.ambiguous[0].experiment.sentence
+
+
+def test_the_verdict_tells_voltages_by_two() -> None:
+    said = diagnose(*made(scaled(u=2.0), recording("none", 3, length=1.0)))
+    assert said.verdict is Verdict.EXPLAINED
+    assert "the voltages are twice what they are" in said.sentence
+    assert said.findings[0].parameters["u_scale"].value == pytest.approx(2.0)
+
+
+@pytest.mark.slow
+def test_a_machine_file_is_asked_about_where_missing_physics_hides_it_at_first() -> None:
+    runs, nominal = recording("dead_time", 1, seed=31)
+    said = diagnose(runs, as_sheet(nominal, _TERMINAL))
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert [finding.effect for finding in said.findings] == ["inverter_voltage_error"]
+    (doubt,) = said.ambiguous
+    assert doubt.effects[0] == "convention_error"
+    assert doubt.reason.startswith("R_s, L_d and L_q of the machine file are twice the recording's: " + _PER_PHASE)
+
+
+@pytest.mark.slow
+def test_a_factor_that_leaves_a_parameter_off_is_no_fact() -> None:
+    """Line-to-line voltages of a motor whose leads are left out of its R_s."""
+    runs, nominal = made(scaled(u=_3), recording("none", 3))
+    said = diagnose(runs, replace(nominal, R_s=0.6 * nominal.R_s))
+    assert said.verdict is Verdict.AMBIGUOUS
+    assert not said.findings
+    (doubt,) = said.ambiguous
+    assert doubt.reason.startswith("perhaps the voltages are line-to-line values")
+    assert "but even then R_s = " in doubt.reason
 
 
 def test_a_sentence_that_begins_with_a_symbol_leaves_it_as_it_is() -> None:
