@@ -92,11 +92,11 @@ class PhaseSums:
         self._products += x @ x.T
         self._low, self._high = np.minimum(self._low, x.min(axis=1)), np.maximum(self._high, x.max(axis=1))
         turned, net = np.exp(-1j * theta_e), x.sum(axis=0)
-        off = 2.0 / 3.0 * sum(axis * phase for axis, phase in zip(AXES, x, strict=True)) * turned - i_dq
-        self._off[0] += float(np.vdot(off, off).real)
+        off: Vector = 2.0 / 3.0 * (np.array(AXES) @ x) * turned - i_dq
+        self._off[0] += float(np.sum(np.abs(off) ** 2))
         for k, axis in enumerate(AXES):  # that phase minus the sum of the others
             without = off - 2.0 / 3.0 * axis * net * turned
-            self._off[1 + k] += float(np.vdot(without, without).real)
+            self._off[1 + k] += float(np.sum(np.abs(without) ** 2))
 
     def fault(self) -> Fault | None:
         """The one sensor that is off; None where none is, or it is not told which."""

@@ -120,7 +120,7 @@ def test_a_factor_that_leaves_a_parameter_off_does_not_do_as_well_as_one_that_le
         assert not found(FOUND[name][0], number).ambiguous, number
 
 
-_TERMINAL = dict.fromkeys(("R_s", "L_d", "L_q"), 2.0)
+_TERMINAL: dict[str, float] = {"R_s": 2.0, "L_d": 2.0, "L_q": 2.0}
 _PER_PHASE = "are they from terminal to terminal? Per phase is half"
 _LINE = "psi_f of the machine file is sqrt(3) times the recording's: is it a line-to-line constant? Per phase is 1/sqrt"
 SHEETS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {

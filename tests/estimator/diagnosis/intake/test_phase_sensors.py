@@ -52,6 +52,14 @@ def times(phase: int, factor: float, offset: float = 0.0) -> Callable[[Three], T
     return sensors
 
 
+def each(sensor: Callable[[Real], Real]) -> Callable[[Three], Three]:
+    def sensors(phases: Three) -> Three:
+        a, b, c = phases
+        return sensor(a), sensor(b), sensor(c)
+
+    return sensors
+
+
 @pytest.mark.parametrize("phase", [0, 1, 2])
 @pytest.mark.parametrize("made_of", [True, False])
 def test_a_turned_sensor_is_told_and_undone(phase: int, *, made_of: bool) -> None:
@@ -108,14 +116,13 @@ def test_offsets_gains_and_noise_are_no_fault() -> None:
     runs = recording("none", 2)[0]
     rms = float(np.sqrt(np.mean(np.abs(currents(runs[0])) ** 2)))
     chance = np.random.default_rng(1)
-    for sensors in (
-        lambda phases: tuple(x + 0.5 * rms for x in phases), lambda phases: (phases[0], phases[1] + rms, phases[2]),
-        lambda phases: (1.2 * phases[0], phases[1], 0.9 * phases[2]), lambda phases: tuple(-x for x in phases),
+    sound: tuple[Callable[[Three], Three], ...] = (
+        each(lambda x: x + 0.5 * rms), times(1, 1.0, offset=rms), times(0, 1.2), times(2, 0.9), each(lambda x: -x),
         lambda phases: (phases[1], phases[0], phases[2]),
-        lambda phases: tuple(x + 0.3 * rms * chance.standard_normal(len(x)) for x in phases),
-        lambda phases: tuple(0.05 * rms * chance.standard_normal(len(x)) for x in phases),
-        lambda phases: tuple(np.zeros(len(x)) for x in phases),
-    ):  # fmt: skip
+        each(lambda x: x + 0.3 * rms * chance.standard_normal(len(x))),
+        each(lambda x: 0.05 * rms * chance.standard_normal(len(x))), each(np.zeros_like),
+    )  # fmt: skip
+    for sensors in sound:
         assert sensor_fault(read(runs, sensors)) is None
 
 
