@@ -114,4 +114,5 @@ def _commissioned(scenario: Scenario) -> Commissioning:
         scenario.profile,
         drive.overmodulation,
         scenario.run.seed,
+        0.5 if scenario.effects.timing.delay < 0 else 1.5,
     )

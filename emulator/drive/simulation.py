@@ -232,12 +232,13 @@ def simulated(
     for n in range(periods):
         t = tick * T_s
         u_dc = max(sensing.u_dc_gain * read_voltage(bench.voltage, bridge.u_dc), _LEAST_READ * bench.fixed.u_dc)
-        # The period: the voltage computed one period ago is applied while the next is computed
-        u, known = firmware.u_next, firmware.powered
+        # The period: the voltage computed one period ago is applied while the next is computed, or this one at once
+        ready, firmware = firmware, computed(bench.fixed, settings, firmware, sample, u_dc, t)
+        applied = firmware if bench.timing.delay < 0 else ready
+        u, known = applied.u_next, applied.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
-        added = lost(settings.inverter, tables.inverter_table, firmware.i_next, u_dc, T_s) if known else 0j
-        firmware = computed(bench.fixed, settings, firmware, sample, u_dc, t)
+        added = lost(settings.inverter, tables.inverter_table, applied.i_next, u_dc, T_s) if known else 0j
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)

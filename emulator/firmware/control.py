@@ -1,7 +1,7 @@
 """The drive's firmware: current and speed control, field weakening, excitation, protections, once a control period.
 
-The voltage computed from the samples of period k is applied over period k + 1. Knows of the machine only what
-its settings say, and of the world only its samples.
+The voltage computed from the samples of period k is applied over period k + 1; by a firmware that is quick enough, over
+period k itself. Knows of the machine only what its settings say, and of the world only its samples.
 """
 
 import math
@@ -19,7 +19,6 @@ from emulator.plant.sensors import Sample, measured_current
 
 OFF, REFERENCE, PROFILE = 0, 1, 2  # speed control: none, after the reference, after the drive's profile
 NO_TRIP, TRIP_CURRENT, TRIP_HIGH_VOLTAGE, TRIP_LOW_VOLTAGE, TRIP_SPEED, TRIP_OVERSPEED = 0, 1, 2, 3, 4, 5
-_DELAY = 1.5  # periods from the sample to the middle of the period its voltage is applied over
 
 
 class Settings(NamedTuple):
@@ -84,6 +83,7 @@ class Commissioning(NamedTuple):
     profile: Profile
     overmodulates: bool  # voltages beyond the linear range are tried
     seed: int
+    delay: float  # periods from the sample to the middle of the period its voltage is applied over
 
 
 class FirmwareState(NamedTuple):
@@ -282,7 +282,7 @@ def computed(
 
     weakened_next = weaker(settings, state.weakening, u, omega_e, linear, i_max, T_s) if weakening else NOT_WEAKENED
 
-    next_frame = turned(theta_e + _DELAY * omega_e * T_s)
+    next_frame = turned(theta_e + fixed.delay * omega_e * T_s)
     u_next, i_next = u_limited * next_frame, i * next_frame
     theta_m = sample.theta_m if settings.angle_source == 0 else math.nan  # of the encoder, that a speed is told by
     return FirmwareState(

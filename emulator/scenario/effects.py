@@ -111,6 +111,11 @@ def check_effects(
         _check_most(effects, motor, u_dc, where)
         if effects.thermal.C_w > 0.0:
             _check_thermal(effects.thermal, motor, T_s, where)
+        if effects.timing.delay < 0 < effects.timing.shift:
+            raise ScenarioError(
+                f"{where}timing.shift takes 0 or -1 with a delay of -1, by which no voltage is known early, "
+                f"got {effects.timing.shift}"
+            )
     except ArithmeticError:
         raise ScenarioError(f"{where[:-1]}: with this motor numbers are beyond what can be reckoned with") from None
 

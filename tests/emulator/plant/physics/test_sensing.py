@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,6 +127,34 @@ def test_a_delay_lets_one_more_period_pass_and_the_recording_knows() -> None:
     assert np.flatnonzero(delayed["u_d"])[0] == 2
     assert delayed["u_d"][2] == plain["u_d"][1]
     assert np.abs(voltage_error(delayed, ROUND)).max() < 0.02  # of 26 V: the mean of a current along its exponential
+
+
+def test_a_voltage_that_is_applied_at_once_comes_in_the_period_of_its_sample() -> None:
+    plain, at_once = (
+        VirtualDrive(with_effects(motor=ROUND, i_dq=3.0 + 0j, timing=Timing(delay=d))).record(200) for d in (0, -1)
+    )
+    assert at_once["u_d"][0] == pytest.approx(plain["u_d"][1], rel=1e-12)
+    assert np.abs(voltage_error(at_once, ROUND)).max() < 0.02
+
+
+@pytest.mark.parametrize("timing", [Timing(delay=-1), Timing(shift=1)], ids=["at once", "early"])
+@pytest.mark.parametrize("edges", [False, True], ids=["averaged", "switched"])
+def test_a_row_may_hold_the_answer_to_its_own_noise(timing: Timing, edges: bool) -> None:
+    """At one operating point hardly anything else; a drive that records what it applies answers the row before."""
+    K = 6.0
+    gains = {"own_gains": 1.0, "k_p_d": K, "k_p_q": K, "k_i_d": 200.0 * K, "k_i_q": 200.0 * K}
+
+    def answer(timing: Timing) -> tuple[float, float]:
+        scenario = with_effects(motor=ROUND, i_dq=2j, run=at(50.0), timing=timing)
+        noisy = replace(scenario, drive=replace(scenario.drive, noise_i=0.02), settings=gains)
+        r = steady(switched(noisy) if edges else noisy, 0.2, 0.4)
+        i, u = (r[name] - r[name].mean() for name in ("i_q", "u_q"))
+        return float(u @ i / (i @ i)), float((u @ i) ** 2 / (i @ i) / (u @ u))
+
+    gain, share = answer(timing)
+    assert gain == pytest.approx(-K, rel=0.02)
+    assert share > 0.98
+    assert answer(Timing())[1] < 0.2
 
 
 def test_the_share_of_rows_that_is_told_is_lost_and_the_rest_is_as_it_was() -> None:

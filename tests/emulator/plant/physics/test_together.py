@@ -108,7 +108,11 @@ def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("effects.turn_short]\nR_t = 0", "effects.turn_short.R_t takes above 0 ohm, got 0"),
         ("effects.imbalance]\na = -1", "effects.imbalance.a takes at least -0.5 and at most 2, got -1"),
         ("effects.iron_loss]\nR_c = -5", "effects.iron_loss.R_c takes at least 0 ohm, got -5"),
-        ("effects.timing]\ndelay = 2", "effects.timing.delay takes at least 0 periods and at most 1 periods, got 2"),
+        ("effects.timing]\ndelay = 2", "effects.timing.delay takes at least -1 periods and at most 1 periods, got 2"),
+        (
+            "effects.timing]\ndelay = -1\nshift = 1",
+            "effects.timing.shift takes 0 or -1 with a delay of -1, by which no voltage is known early, got 1",
+        ),
         ("effects.friction]\ncoulomb = inf", "effects.friction.coulomb takes at least 0 Nm, got inf"),
         ("effects.inverter]\ndead_time = 1e-6", "effects.inverter takes drive.bridge = 'switched', got 'averaged'"),
         ("effects.dc_link]\nC = 1e-3", "effects.dc_link takes drive.bridge = 'switched', got 'averaged'"),
