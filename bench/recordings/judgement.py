@@ -4,12 +4,13 @@ Every window is fitted anew, so a window tells whether constant parameters expla
 each parameter tells whether it was one value throughout. Knows nothing of files and terminals.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from bench.live.watch import MOST, STEADY, SURELY, Explained, figures_of, strange_of, where_of
 from bench.live.window import Window
+from estimator.diagnosis.intake.answered import answer_alone
 from estimator.diagnosis.watch import FEWEST_WATCHED, mismatch_of
 from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
@@ -124,14 +125,19 @@ class Judgement:
         if left is None or not left.moves:
             reason = (
                 f"fewer than {FEWEST_WATCHED} rows can be judged, or nothing in them tells the inductances"
-                if left is None else STEADY
+                if left is None else _steady(runs)
             )  # fmt: skip
             self._said = said if said.windows else replace(said, reason=reason)
             return
         begin, end = runs[0].t0, runs[-1].t0 + len(runs[-1]) * runs[-1].T
-        self._note(estimates, 0.5 * (begin + end))
         strange = strange_of(estimates, self.nominal, SURELY)
         denied = left.mismatch or bool(strange)
+        if denied:
+            self._deny(rows)
+            if (answer := answer_alone(runs)) is not None:
+                self._said = said if said.windows else replace(said, reason=answer.sentence)
+                return
+        self._note(estimates, 0.5 * (begin + end))
         said = replace(said, windows=said.windows + 1, reason="")
         if denied and (not said.unexplained or left.rms_V > (said.rms_V or 0.0)):
             said = replace(said, where=where_of(left, strange), **figures_of(left))
@@ -139,12 +145,15 @@ class Judgement:
         elif said.significance is None:
             said = replace(said, **figures_of(left))
         if denied:
-            self._denied.append((self.done - rows, self.done))
-            if len(self._denied) > 1 and self._denied[-2][1] == self._denied[-1][0]:
-                self._denied[-2:] = [(self._denied[-2][0], self._denied[-1][1])]
             since = begin if said.since is None else said.since
             said = replace(said, unexplained=said.unexplained + 1, since=since, until=end)
         self._said = replace(said, status=Explained.NO if said.unexplained else Explained.YES)
+
+    def _deny(self, rows: int) -> None:
+        """The newest so many rows are not explained."""
+        self._denied.append((self.done - rows, self.done))
+        if len(self._denied) > 1 and self._denied[-2][1] == self._denied[-1][0]:
+            self._denied[-2:] = [(self._denied[-2][0], self._denied[-1][1])]
 
     def _estimates(self, runs: list[Samples], rows: int) -> dict[str, Estimate]:
         """What these rows alone say, with what the method holds at its value."""
@@ -165,3 +174,9 @@ class Judgement:
 
 def _value(one: tuple[Estimate, float]) -> float:
     return one[0].value or 0.0
+
+
+def _steady(runs: Sequence[Samples]) -> str:
+    """Why a window in which no current moves tells nothing."""
+    answer = answer_alone(runs)
+    return STEADY if answer is None else answer.sentence

@@ -10,11 +10,13 @@ from dataclasses import replace
 from typing import Final
 
 from estimator.diagnosis.answer.convention_told import taken_back, with_convention
+from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.held_out import odd_stretches
 from estimator.diagnosis.answer.judged import judged
 from estimator.diagnosis.answer.quality import SHORTEST, longest
 from estimator.diagnosis.answer.sentences import sentence_of
 from estimator.diagnosis.answer.statement import stated
+from estimator.diagnosis.intake.answered import Answered, answer_alone, answered
 from estimator.diagnosis.intake.bad_samples import without_bad
 from estimator.diagnosis.intake.convention import Suspicion, both, of_sensor, suspected
 from estimator.diagnosis.intake.data_sheet import contradicted
@@ -29,9 +31,11 @@ from estimator.diagnosis.search.stages import explained
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS, Machine
 from estimator.samples import Samples
+from estimator.twin.model import Model
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
+_INDUCTANCES: Final = frozenset({"L_d", "L_q"})
 _MAPPED: Final = (
     "the flux linkages bend as no saturation curve of the library does: a free map of them over the currents is a part "
     "of this diagnosis"
@@ -58,6 +62,8 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     if checks.stop or rows_there < _FEWEST:
         few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
         return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
+    if (answer := answer_alone(long_enough, nominal.i_rated)) is not None:
+        return _told_answer(long_enough, nominal, tolerance, checks.remarks, answer)
     if (suspicion := suspected(long_enough, nominal, tolerance)) is not None:
         told = suspicion if sensor is None else both(sensor, suspicion)
         diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
@@ -104,7 +110,9 @@ def _explained_without(
             "or by a capture buffer"
         )))  # fmt: skip
     progress(0.0, "fitting")
-    given = replace(given, unidentified=unidentified_inductances(at_nominal(rows, given)))
+    answer = answered(runs)
+    unidentified = _INDUCTANCES if answer and answer.alone else unidentified_inductances(at_nominal(rows, given))
+    given = replace(given, unidentified=unidentified, answered=answer is not None)
     there = explained(rows, given, progress)
     if suspicion is not None and taken_back(suspicion, there.found.model, tolerance):
         return None
@@ -117,6 +125,19 @@ def _explained_without(
     causes = () if suspicion is None else (suspicion.sentence,)
     mapped = () if diagnosis.flux_map is None else (_MAPPED,)
     return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
+
+
+def _told_answer(
+    runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float], remarks: Sequence[str], answer: Answered
+) -> Diagnosis:
+    """Nothing moves but noise and what the controller makes of it: no fit, and what to record instead."""
+    runs, not_used = believed(runs)
+    rows, given = prepared(runs, nominal, tolerance)
+    noise_d, noise_q = answer.noise
+    noise = nominal.L_d * noise_d, nominal.L_q * noise_q, noise_d
+    richer = experiment(rows, Model(given.machine), noise, nominal, tolerance)
+    said = replace(_no_verdict((*remarks, *not_used, answer.sentence)), experiment=richer)
+    return replace(said, sentence=sentence_of(said))
 
 
 def _no_verdict(remarks: Sequence[str]) -> Diagnosis:

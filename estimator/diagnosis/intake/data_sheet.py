@@ -23,6 +23,7 @@ _NEAR_R_S: Final = 20.0  # the same for R_s: a dead time at small currents looks
 _CLOSED_SHARE: Final = 0.99  # of the voltages' mean square, that is explained
 _SURE_VALUE: Final = 0.05  # of a value, its standard error, where the data sheet is to be wrong
 _FAR_R_S: Final = 5.0  # times, by which R_s is off by more than any temperature makes it
+_LEAST_ERRORS: Final = 3.0  # standard errors, by which R_s is surely below zero
 _FEWEST_STRETCHES: Final = 4  # stretches
 _LOOKED_AGAIN: Final = 1.5  # times the current, at which R_s is looked at again
 _MAY_DIFFER: Final = 0.15  # by which it may differ then
@@ -136,8 +137,8 @@ def contradicted(runs: Sequence[Samples], nominal: Machine) -> str | None:
     if stretches is None:
         return None
     compared = _compared(stretches, nominal)
-    if compared.fit.share < _CLOSED_SHARE:
-        return None
+    if compared.fit.share < _CLOSED_SHARE or compared.fit.value[0] < -_LEAST_ERRORS * compared.fit.std[0]:
+        return None  # below zero R_s is a controller's gain, and the others follow it
     if _exchanged(compared, nominal):
         return f"the nominal L_d and L_q seem to be exchanged: the recording asks for {_asked(compared, nominal)}"
     wrong = [name for name in PARAMETERS if _far(compared, name)]

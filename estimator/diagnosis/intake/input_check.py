@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.arrays import Array, Vector
+from estimator.diagnosis.intake.answered import answered
 from estimator.diagnosis.intake.causes import speed_as
 from estimator.diagnosis.intake.correction import Correction
 from estimator.diagnosis.intake.data_sheet import LOUD, Wrong, units
@@ -274,6 +275,8 @@ def _two_drives(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     for k in _seams(runs):
         before, after = stretches_of(runs[:k]), stretches_of(runs[k:])
         if before is None or after is None:
+            continue
+        if any(answered(part) is not None for part in (runs[:k], runs[k:])):  # a rough fit takes it for R_s
             continue
         a, b = rough_fit(before, Correction(), nominal), rough_fit(after, Correction(), nominal)
         if _differ(a, b):

@@ -17,6 +17,7 @@ class Given:
     tolerance: Mapping[str, float]  # of R_s, L_d, L_q, psi_f as a share
     angle_step: float  # rad, the angle's resolution
     unidentified: frozenset[str] = frozenset()  # inductances, which stay within tolerance
+    answered: bool = False  # the recorded voltage answers the noise of its own row's currents
 
     @property
     def told(self) -> list[str]:

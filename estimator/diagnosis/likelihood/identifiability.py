@@ -38,8 +38,8 @@ _BY_CHANCE: Final = 2.0  # standard deviations of what noise leaves above itself
 _SIMULATED: Final = "a simulation without it, of the same noise and rounding, shows too much of it"
 _AT_AN_END: Final = "what is found of it lies at the end of what is plausible"
 _NO_CHANGE: Final = "the speed hardly changes here, and only while it does would this show"
-_ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
-_ONE_LEVEL: Final = 0.1  # of rated current, by which currents may change and still be of one level
+ONE_SPEED: Final = 0.05  # of a speed, by which it may change and still be one
+ONE_LEVEL: Final = 0.1  # of rated current, by which currents may change and still be of one level
 _LITTLE_THERE: Final = "at one speed and one level of current so little of it looks like any other disturbance"
 _ALIKE_THERE: Final = "at one speed and one level of current it looks like R_s, L_d, L_q and psi_f"
 STANDING: Final = 5.0  # rad/s electrical: no slower is a speed
@@ -207,7 +207,7 @@ def not_borne_out(
 def _at_one_speed(search: Search) -> bool:
     rows = search.regression.rows
     low, middle, high = np.quantile(rows.omega_e[rows.joined], (0.02, 0.5, 0.98))
-    return bool(high - low < _ONE_SPEED * abs(middle))
+    return bool(high - low < ONE_SPEED * abs(middle))
 
 
 def _untold_at_one_point(search: Search, choice: Choice) -> tuple[dict[str, Choice], Choice]:
@@ -232,7 +232,7 @@ def _at_one_level(search: Search) -> bool:
     rows = search.regression.rows
     there = rows.i[:-1][rows.joined]
     spread = max(float(np.ptp(np.quantile(axis, (0.02, 0.98)))) for axis in (there.real, there.imag))
-    return spread < _ONE_LEVEL * rows.i_rated
+    return spread < ONE_LEVEL * rows.i_rated
 
 
 def at_an_end(search: Search, fit: SetFit, one: tuple[str, int]) -> bool:

@@ -102,10 +102,14 @@ def _fitted_from(
     rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float, str], None],
     library: Sequence[Effect],
 ) -> Fitted:  # fmt: skip
-    """From a model on; `nearly`: blocks of the rows have found it."""
+    """From a model on; `nearly`: blocks of the rows have found it.
+
+    Where the voltage answers its row's currents, any resistance explains what is noise of both: effects show only once
+    the machine has taken it off.
+    """
     clean, settled = raw(rows), False
-    if nearly:
-        model, clean, settled = polished(rows, clean, model, given, _WHOLE_ROUNDS[1])
+    if nearly or given.answered:
+        model, clean, settled = polished(rows, clean, model, given, _WHOLE_ROUNDS[1] if nearly else POLISHED)
     attempt, barred = 1, frozenset[str]()
     while True:
         model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library, barred)

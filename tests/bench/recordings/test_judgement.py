@@ -14,9 +14,11 @@ from bench.recordings.runs import Chunk
 from bench.recordings.screen import ROWS as LOOKED_AT
 from bench.recordings.screen import Screen
 from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.timing import Timing
 from emulator.scenario.effects import Effects
 from emulator.scenario.scenarios import PAPER
 from estimator.samples import Samples
+from tests.estimator.diagnosis.intake.test_answered import in_loop
 from tests.estimator.diagnosis.test_watch import paper, windows
 
 NOMINAL = {"R_s": 0.9664, "L_d": 4.24e-3, "L_q": 6.21e-3, "psi_f": 0.12}
@@ -58,6 +60,16 @@ def test_constant_currents_cannot_be_told() -> None:
     said = judged(windows(still, 2)).verdict()
     assert said.status is Explained.NOT_TOLD
     assert said.sentence().startswith("whether the equations fit cannot be told: ")
+
+
+@pytest.mark.parametrize("timing", [Timing(delay=-1), Timing(shift=1)])
+def test_voltages_that_answer_their_own_rows_tell_nothing_at_one_point_and_are_doubted(timing: Timing) -> None:
+    judgement = judged([in_loop(timing, 65.0)], **NOMINAL)
+    said = judgement.verdict()
+    assert said.status is Explained.NOT_TOLD
+    assert "the recorded voltage answers the same row's current noise with 65.0 V/A" in said.sentence()
+    if timing.shift:  # where parameters would be told that are none of the machine
+        assert judgement.concerns(judgement.done, None)
 
 
 def test_nothing_is_judged_of_nothing() -> None:
