@@ -1,8 +1,9 @@
 """Recordings of every control period: `bench.recordings.recording`."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -16,10 +17,14 @@ from bench.recordings.recording import Recording, RecordingReader, check_every_p
 from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
 from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.verdict import Diagnosis
+from estimator.interval import Z_95
+from estimator.physics import voltage_delay
 from estimator.samples import Samples
 
 _READING: Final = 0.05  # share of the work
 _STRAY: Final = 1e-3  # share of the rows at either end of a current's range, which may be wrong
+_WHOLE_ROW: Final = 0.1  # rows, by which a delay may be off a whole one
 
 
 def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
@@ -42,11 +47,26 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
 
     with refusals_of(request.file):
         diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
-    remarks = (*((stretches,) if stretches else ()), *recording.summary.remarks(), *diagnosis.remarks)
+    reading = ((stretches,) if stretches else (), recording.summary.remarks())
+    remarks = (*chain(*reading), *diagnosis.remarks, *_aligned(diagnosis, request.align.get("u", 0.0)))
     seen = {axis: _span(recording.runs, axis) for axis in ("i_d", "i_q")}
     return Diagnosed(
         recording.summary, nominal, replace(diagnosis, remarks=remarks), seen, _mean_u_dc(recording.runs)
     )
+
+
+def _aligned(diagnosis: Diagnosis, u: float) -> Iterator[str]:
+    """How a file's voltages were taken that surely stand a row off; `u`: rows by which they were moved already."""
+    for finding in diagnosis.findings:
+        delay = finding.parameters.get("periods") if finding.effect == voltage_delay.EFFECT.name else None
+        if delay is None or delay.value is None or delay.std is None:
+            continue
+        rows = round(delay.value)
+        if rows and abs(delay.value - rows) + Z_95 * delay.std < _WHOLE_ROW:
+            yield (
+                f"the voltages are taken as they act, a row {'later' if rows > 0 else 'earlier'} than they stand: with "
+                f"--align u={u + rows:g} replay and mechanics take them so, too"
+            )
 
 
 def _span(runs: Sequence[Samples], axis: str) -> tuple[float, float]:

@@ -21,6 +21,8 @@ from bench.engineering import odds, quantity, words
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal, load_machine
 from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.timing import Timing
+from emulator.scenario.effects import NONE
 from emulator.scenario.scenarios import PAPER
 from estimator.diagnosis.verdict import (
     Ambiguity,
@@ -179,6 +181,24 @@ def test_what_the_reader_noticed_is_among_the_remarks(recording: Path, tmp_path:
     pq.write_table(pa.table(dict(columns)), tmp_path / "holed.parquet")
     said = diagnose_recording(Request(tmp_path / "holed.parquet", NOMINAL)).diagnosis
     assert "rows left out for want of a value: 1 of 4000 (i_d in 1)" in said.remarks
+
+
+@pytest.mark.parametrize(("shift", "says"), [(1, "later"), (-1, "earlier")])
+def test_voltages_that_surely_stand_a_row_off_are_taken_as_they_act_and_how_is_said(
+    shift: int, says: str, tmp_path: Path
+) -> None:
+    scenario = replace(PAPER, effects=NONE._replace(timing=Timing(shift=shift)))
+    pq.write_table(pa.table(dict(VirtualDrive(scenario).record(20_000))), path := tmp_path / "shifted.parquet")
+    found = diagnose_recording(Request(path, NOMINAL)).diagnosis
+    moved = diagnose_recording(Request(path, NOMINAL, align={"u": float(shift)})).diagnosis
+    assert found.remarks == (
+        f"the voltages are taken as they act, a row {says} than they stand: with --align u={shift} replay and "
+        "mechanics take them so, too",
+    )
+    assert moved.verdict is Verdict.NO_MISMATCH
+    assert not any("--align" in remark for remark in moved.remarks)
+    for name, told in moved.machine_after.items():
+        assert found.machine_after[name].value == pytest.approx(told.value, rel=1e-3)
 
 
 def test_effects_of_the_nominal_machine_are_not_used_and_a_remark_says_so(recording: Path) -> None:
