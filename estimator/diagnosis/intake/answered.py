@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Vector, Vectors
 from estimator.diagnosis.likelihood.identifiability import ONE_LEVEL, ONE_SPEED, STANDING
 from estimator.diagnosis.words import number, percent
 from estimator.samples import Samples
@@ -65,24 +65,22 @@ def answered(runs: Sequence[Samples]) -> Answered | None:
     stretches = list(_stretches(runs))
     if len(stretches) < _FEWEST_STRETCHES:
         return None
-    u, i = (np.concatenate([part[name] for part in stretches], axis=1) for name in ("u", "i"))
-    before, turning = (np.concatenate([part[name] for part in stretches], axis=1) for name in ("before", "turning"))
+    u, i, before, turning = _joined(stretches)
     new_i, new_u = _left(i, before), _left(u, before)
     energy = new_i @ new_i.T
     if np.any(np.diag(energy) <= _TOLD * np.sum(i * i, axis=1)) or not np.any(new_u):
         return None
-    inverse = np.linalg.inv(energy)
-    gain = new_u @ new_i.T @ inverse
-    left = new_u - gain @ new_i
-    std = np.array([_std(left[axis], new_i, inverse, len(stretches))[axis] for axis in (0, 1)])
-    share = 1.0 - float(np.sum(left**2) / np.sum(new_u**2))
-    if share < _SHARE or np.any(np.diag(gain) > -_SURELY * std):
+    inverse = np.linalg.inv(energy).astype(np.float64)
+    gain: Array = -new_u @ new_i.T @ inverse
+    left = new_u + gain @ new_i
+    share = 1.0 - _energy(left) / _energy(new_u)
+    std = [_std(left[axis], new_i, inverse, len(stretches))[axis] for axis in (0, 1)]
+    if share < _SHARE or any(gain[axis, axis] < _SURELY * std[axis] for axis in (0, 1)):
         return None
-    moved_u, moved_i = _left(u, turning), _left(i, turning)
-    rest = _left(moved_u, moved_i)
-    whole = 1.0 - float(np.sum(rest**2) / np.sum(moved_u**2))
+    moved = _left(u, turning)
+    whole = 1.0 - _energy(_left(moved, _left(i, turning))) / _energy(moved)
     noise = np.sqrt(np.mean(new_i**2, axis=1))
-    return Answered((-float(gain[0, 0]), -float(gain[1, 1])), share, whole, (float(noise[0]), float(noise[1])))
+    return Answered((float(gain[0, 0]), float(gain[1, 1])), share, whole, (float(noise[0]), float(noise[1])))
 
 
 def answer_alone(runs: Sequence[Samples], i_rated: float | None = None) -> Answered | None:
@@ -115,24 +113,35 @@ def _means(parts: Sequence[Array]) -> Array:
     ])  # fmt: skip
 
 
-def _stretches(runs: Sequence[Samples]) -> Iterator[dict[str, Array]]:
-    """Spread evenly, each with u and i of its rows, what was before them, and what turns with the rotor."""
-    p = _ROWS_BEFORE
-    places = [(run, k) for run in runs for k in range(0, len(run) - _STRETCH - p + 1, _STRETCH)]
-    most = _MOST_ROWS // _STRETCH
-    chosen = sorted({round(k) for k in np.linspace(0, len(places) - 1, min(most, len(places)))}) if places else []
-    for run, k in (places[j] for j in chosen):
-        here = run[k : k + _STRETCH + p]
-        i, u = np.stack([here.i_d, here.i_q]), np.stack([here.u_d, here.u_q])
-        one = np.ones((1, _STRETCH))
-        omega, turn = here.omega_e[None, p:], np.exp(1j * here.theta_e[p:])
-        rows = [np.concatenate((i[:, p - back : -back], u[:, p - back : -back])) for back in range(1, p + 1)]
-        harmonics = turn ** np.arange(1, _HARMONICS + 1)[:, None]
-        yield {
-            "u": u[:, p:], "i": i[:, p:],
-            "before": np.concatenate((one, omega, omega * rows[0], *rows)),
-            "turning": np.concatenate((one, omega, harmonics.real, harmonics.imag)),
-        }
+class _Columns(NamedTuple):
+    """Rows (along the last axis) of a stretch, or of all."""
+
+    u: Array  # V, d and q
+    i: Array  # A, d and q
+    before: Array  # what foretells both
+    turning: Array  # what turns with the rotor
+
+
+def _stretches(runs: Sequence[Samples]) -> Iterator[_Columns]:
+    """Stretches of the runs, spread evenly."""
+    p, n = _ROWS_BEFORE, _STRETCH
+    places = [(run, k) for run in runs for k in range(0, len(run) - n - p + 1, n)]
+    spread: Array = np.linspace(0.0, len(places) - 1.0, min(_MOST_ROWS // n, len(places)))
+    for run, k in (places[int(j)] for j in np.rint(spread)):
+        here = run[k : k + n + p]
+        both = np.stack((here.u_d, here.u_q, here.i_d, here.i_q))
+        one, omega = np.ones((1, n)), here.omega_e[None, p:]
+        turn: Vector = np.exp(1j * here.theta_e[p:])
+        last, *others = (both[:, p - back : p - back + n] for back in range(1, p + 1))
+        harmonics: Vectors = np.stack([turn**order for order in range(1, _HARMONICS + 1)])
+        yield _Columns(
+            both[:2, p:], both[2:, p:], np.concatenate((one, omega, omega * last, last, *others)),
+            np.concatenate((one, omega, harmonics.real, harmonics.imag)),
+        )  # fmt: skip
+
+
+def _joined(stretches: Sequence[_Columns]) -> _Columns:
+    return _Columns(*(np.concatenate(columns, axis=1) for columns in zip(*stretches, strict=True)))
 
 
 def _left(x: Array, columns: Array) -> Array:
@@ -140,8 +149,8 @@ def _left(x: Array, columns: Array) -> Array:
     size = np.sqrt(np.mean(columns * columns, axis=1))
     columns = columns[size > 0.0] / size[size > 0.0, None]
     power, turn = np.linalg.eigh(columns @ columns.T)
-    kept = power > _TOLD * max(float(power[-1]), 1e-300)
-    basis = turn[:, kept].T @ columns
+    kept = power > _TOLD * float(power[-1])
+    basis: Array = turn[:, kept].T @ columns
     return x - (x @ basis.T / power[kept]) @ basis
 
 
@@ -149,3 +158,7 @@ def _std(left: Array, columns: Array, inverse: Array, stretches: int) -> Array:
     """Standard errors of one axis' coefficients, as the stretches scatter."""
     scores = (left * columns).reshape(len(columns), stretches, -1).sum(axis=2)
     return np.sqrt(np.diag(inverse @ scores @ scores.T @ inverse))
+
+
+def _energy(x: Array) -> float:
+    return float(np.sum(x * x))

@@ -89,7 +89,7 @@ def test_without_a_controller_nothing_is_answered() -> None:
     for k in range(n - 1):
         i[:, k + 1] = i[:, k] + T_S / L * (u[:, k] - MOTOR.R_s * i[:, k])
     i += rng.normal(0.0, 0.02, i.shape)
-    assert answered([Samples(np.zeros(n), np.zeros(n), *i, *u, T_S)]) is None
+    assert answered([Samples(np.zeros(n), np.zeros(n), i[0], i[1], u[0], u[1], T_S)]) is None
 
 
 def test_a_point_is_one_speed_and_one_level_of_a_rotor_that_turns() -> None:
