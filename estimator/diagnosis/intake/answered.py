@@ -28,7 +28,7 @@ _FEWEST_STRETCHES: Final = 4
 _HARMONICS: Final = 12  # of the angle, which a machine has, too
 _SURELY: Final = 10.0  # standard errors of a gain
 _SHARE: Final = 0.2  # of what rows before do not foretell of the voltage: less of it misleads no fit
-_MOST: Final = 0.8  # of all that the voltage moves by: nothing else moves
+_MOST: Final = 0.5  # of all that the voltage moves by: nothing else moves
 _AVERAGED: Final = 400  # periods, over which a speed or a level is a mean, of a current or of an encoder's counts
 _TOLD: Final = 1e-10  # of the columns' energy, that is more than their last digits
 
@@ -38,7 +38,7 @@ class Answered(NamedTuple):
 
     gain: tuple[float, float]  # V/A, on d and q
     share: float  # of what rows before do not foretell of the voltage, that is the answer
-    whole: float  # of all that the voltage moves by, but for harmonics of the angle, that row's current explains
+    whole: float  # of all that the voltage moves by, but for harmonics of the angle; below zero where currents move
     noise: tuple[float, float]  # A, what rows before do not foretell of i_d and i_q
 
     @property
@@ -78,7 +78,7 @@ def answered(runs: Sequence[Samples]) -> Answered | None:
     if share < _SHARE or any(gain[axis, axis] < _SURELY * std[axis] for axis in (0, 1)):
         return None
     moved = _left(u, turning)
-    whole = 1.0 - _energy(_left(moved, _left(i, turning))) / _energy(moved)
+    whole = 1.0 - _energy(moved + gain @ _left(i, turning)) / _energy(moved)
     noise = np.sqrt(np.mean(new_i**2, axis=1))
     return Answered((float(gain[0, 0]), float(gain[1, 1])), share, whole, (float(noise[0]), float(noise[1])))
 

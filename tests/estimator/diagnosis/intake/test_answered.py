@@ -31,15 +31,19 @@ AT_ONCE, EARLY = Timing(delay=-1), Timing(shift=1)
 @cache
 def in_loop(
     timing: Timing, K: float, step: float = 0.0, rpm: float = 1200.0, i_q: float = 3.0, kind: str = "levels",
-    dead_time: float = 0.0, rows: int = 24_000,
+    dead_time: float = 0.0, speed_loop: bool = False, rows: int = 24_000,
 ) -> Samples:  # fmt: skip
-    """A drive with current noise of 20 mA in closed loop with a gain of K (V/A)."""
+    """A drive with current noise of 20 mA in closed loop by a gain of K (V/A), under a speed loop by 4096 counts."""
     gains = {"own_gains": 1.0, "k_p_d": K, "k_p_q": K, "k_i_d": 200.0 * K, "k_i_q": 200.0 * K}
-    drive = drive_for(MOTOR, T_s=T_S, noise_i=0.02, bridge="switched" if dead_time else "averaged")
+    drive = drive_for(MOTOR, T_s=T_S, noise_i=0.02, bridge="switched" if dead_time else "averaged",
+                      encoder_counts=4096 if speed_loop else 0)  # fmt: skip
     around = Excitation(i_q_ref=i_q, i_d_step=step, i_q_step=step, kind=kind if step else "none")
     effects = NONE._replace(timing=timing, inverter=Inverter(dead_time=dead_time))
-    emulated = VirtualDrive(Scenario("loop", MOTOR, drive, Run(speed_rpm=rpm), around, effects, gains))
-    emulated.run(2000)
+    run = Run(speed_rpm=rpm)
+    if speed_loop:
+        run = replace(run, shaft="free", speed_control=True, tau_L=1.5)
+    emulated = VirtualDrive(Scenario("loop", MOTOR, drive, run, around, effects, gains))
+    emulated.run(20_000 if speed_loop else 2000)
     return recorded(emulated, rows)
 
 
@@ -90,6 +94,23 @@ def test_without_a_controller_nothing_is_answered() -> None:
         i[:, k + 1] = i[:, k] + T_S / L * (u[:, k] - MOTOR.R_s * i[:, k])
     i += rng.normal(0.0, 0.02, i.shape)
     assert answered([Samples(np.zeros(n), np.zeros(n), i[0], i[1], u[0], u[1], T_S)]) is None
+
+
+@pytest.mark.parametrize("timing", [AT_ONCE, EARLY])
+def test_a_speed_loop_by_a_coarse_encoder_moves_less_than_the_noise(timing: Timing) -> None:
+    found = answered([there := in_loop(timing, 65.0, rpm=900.0, speed_loop=True)])
+    assert found is not None
+    assert found.alone
+    assert at_one_point([there], 6.0)
+
+
+@pytest.mark.parametrize("kind", ["levels", "multisine"])
+@pytest.mark.parametrize("K", [6.0, 65.0])
+def test_currents_that_move_by_three_times_their_noise_are_more_than_an_answer(K: float, kind: str) -> None:
+    for timing in (AT_ONCE, EARLY):
+        found = answered([in_loop(timing, K, 0.1, kind=kind)])
+        assert found is not None
+        assert found.whole < 0.0
 
 
 def test_a_point_is_one_speed_and_one_level_of_a_rotor_that_turns() -> None:
