@@ -18,6 +18,7 @@ class Setting:
     u_dc: float  # V
     T_s: float  # s, control period
     length: float  # s, of the recording
+    current_sensors: int = 3
 
     @property
     def back_emf(self) -> float:

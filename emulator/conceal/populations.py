@@ -128,13 +128,16 @@ def _current_offset(x: float, on: Setting, chance: Chance) -> Sections:
     return {"current_sensing": {"offset_a": a, "offset_b": b, "offset_c": c}}
 
 
-def _current_gain(x: float, _on: Setting, chance: Chance) -> Sections:
+def _current_gain(x: float, on: Setting, chance: Chance) -> Sections:
     a, b, c = _around(x, chance)
+    if on.current_sensors == 2:
+        a, b, c = math.copysign(x, a), -math.copysign(x, a), 0.0
     return {"current_sensing": {"gain_a": 1.0 + a, "gain_b": 1.0 + b, "gain_c": 1.0 + c}}
 
 
-def _current_skew(x: float, _on: Setting, chance: Chance) -> Sections:
-    return {"current_sensing": {f"skew_{chance.one_of('abc')}": x}}
+def _current_skew(x: float, on: Setting, chance: Chance) -> Sections:
+    phase = chance.one_of("abc")
+    return {"current_sensing": {f"skew_{phase if on.current_sensors == 3 else phase.replace('c', 'a')}": x}}
 
 
 def _angle_offset(x: float, on: Setting, chance: Chance) -> Sections:

@@ -97,7 +97,8 @@ def _sized(
     choice: Choice, number: int, attempt: int, kind: str, classes: Sequence[str], run: Drawn
 ) -> Concealed:
     """The run with sizes for its classes. Raises ScenarioError where they cannot be."""
-    setting = Setting(run.machine, run.omega_e, run.drive.u_dc, run.drive.T_s, choice.length)
+    drive = run.drive
+    setting = Setting(run.machine, run.omega_e, drive.u_dc, drive.T_s, choice.length, drive.current_sensors)
     sizes: dict[str, float] = {}
     parts = [run.surroundings]
     for name in classes:

@@ -256,8 +256,9 @@ def simulated(
         tracked = followed(bench.sensors.signal, then.machine.n_p, plant.theta_m, plant.omega_m, T_s, tracked)
         latest = _sampled(bench, then, plant, charges, tracked, u_held, firmware.powered, tick + 1)
         raw = averaged(latest, earlier, bench.sensors.filter.samples)
-        earlier, charges = (latest, earlier[0], earlier[1]), passed(plant.charge, charges)
-        before, encoder = sample, raw.theta_m
+        before, encoder, earlier, charges = (
+            sample, raw.theta_m, (latest, earlier[0], earlier[1]), passed(plant.charge, charges),
+        )  # fmt: skip
         sample = seen(settings, firmware, corrected(sensing, tables.angle_table, n_p, raw, firmware.omega_e))
 
         # What the drive knows of it

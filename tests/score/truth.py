@@ -187,8 +187,9 @@ def _current_offset(scenario: Scenario, _periods: int) -> Sizes:
 def _current_gain(scenario: Scenario, _periods: int) -> Sizes:
     # Of 1.02 what matters is the 2 %
     sensing = scenario.effects.current_sensing
-    gains = {f"gain_{phase}": float(getattr(sensing, f"gain_{phase}")) for phase in "abc"}
-    mean = sum(gains.values()) / 3.0
+    there = "abc"[: scenario.drive.current_sensors]
+    gains = {f"gain_{phase}": float(getattr(sensing, f"gain_{phase}")) for phase in there}
+    mean = sum(gains.values()) / len(there)
     whole = max(abs(gain / mean - 1.0) for gain in gains.values())
     return {name: Size(gain / mean, whole, "1") for name, gain in gains.items()}
 
