@@ -34,7 +34,7 @@ def _whole(rows: Rows, tau: float) -> Vector:
     """Where all of the currents comes through the filter; none over a gap."""
     m, r, T = rows.machine, rows.rotor, rows.T_s
     begins, decay = np.concatenate(([True], rows.apart[:-1] != 1)), math.exp(-T / tau)
-    lags = 1.0 + 1j * rows.omega_e * tau
+    lags: Vector = np.asarray(1.0 + 1j * rows.omega_e * tau, np.complex128)
     u, turning = rows.u * rows.middle, m.psi_f * rows.rotor
     pulses = _of_pulses(rows, tau)
     left = u - _steps_through(u, rows.half.conj() / lags, pulses / tau, begins, decay, tau / T)
@@ -55,11 +55,11 @@ def _of_pulses(rows: Rows, tau: float) -> Vector:
     """What a filter sees (Vs, stationary) at the end of a period of its pulses beside their mean."""
     if rows.u_dc is None:
         return np.zeros(len(rows), np.complex128)
-    return tau * rows.u_dc * 2.0 / 3.0 * _pulses_through(rows.duties, 0.5 * rows.T_s / tau, AXES)
+    return tau * rows.u_dc * 2.0 / 3.0 * _pulses_through(rows.duties, 0.5 * rows.T_s / tau, np.array(AXES))
 
 
 @kernel
-def _pulses_through(duties: Array, half: float, axes: tuple[complex, complex, complex]) -> Vector:
+def _pulses_through(duties: Array, half: float, axes: Vector) -> Vector:
     """Of legs that are high around the middle of a period of 2 `half` time constants, each along its axis."""
     found = np.empty(len(duties), np.complex128)
     through, end = -math.expm1(-2.0 * half), math.exp(-half)

@@ -64,8 +64,19 @@ def test_signals_of_a_sensor_show_once_and_twice_an_electrical_turn() -> None:
 
 
 def test_what_is_not_there_changes_nothing() -> None:
-    plain, chain = (
-        steady(with_effects(i_dq=3j, step=1.0, run=at(F), **effects), 0.05, 0.02)
-        for effects in ({}, {"current_filter": CurrentFilter(), "angle_signal": AngleSignal()})
+    plain = steady(with_effects(i_dq=3j, step=1.0, run=at(F)), 0.05, 0.02)
+    none = with_effects(
+        i_dq=3j, step=1.0, run=at(F), current_filter=CurrentFilter(), angle_signal=AngleSignal(),
+        drive={"current_sensors": 3},
     )
+    chain = steady(none, 0.05, 0.02)
     assert all(np.array_equal(plain[name], chain[name]) for name in plain)
+
+
+def test_of_two_sensors_the_third_phase_is_what_they_leave() -> None:
+    r = steady(with_effects(i_dq=3j, run=at(F), drive={"current_sensors": 2, "noise_i": 0.05}), 0.05, 0.1)
+    assert np.array_equal(r["i_c"], -r["i_a"] - r["i_b"])
+    noise = (r["i_d"] + 1j * (r["i_q"] - 3.0)) * np.exp(1j * r["theta_e"])
+    noise = noise - np.convolve(noise, np.ones(5) / 5.0, "same")
+    axes = np.linalg.eigvalsh(np.cov(noise.real, noise.imag))
+    assert axes[1] / axes[0] == pytest.approx(3.0, rel=0.25)
