@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check --constraint .ci/constraints.txt
 
-.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-commission bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-first-start bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch auto-window gallery results picture clean
+.PHONY: run test lint types arrows compiled fast thorough slow browser test-vcan release bars paper peers prove prove-quick score score-diagnosis bench-commission bench-diagnose bench-estimator bench-export-c bench-http bench-links bench-faults bench-first-start bench-flash bench-history bench-idle bench-kills bench-load bench-mechanics bench-recordings bench-stale bench-plant bench-watch auto-window tuned-numbers gallery results picture clean
 
 run: $(VENV)/.run ## emulated drive, service and page; Ctrl-C ends them; PORT=8081 beside another one
 	@exec $(BIN)/pmsm-bench up $(PORT:%=--port %)
@@ -81,6 +81,9 @@ score-diagnosis: $(VENV)/.dev ## the diagnosis on 500 concealed recordings of de
 
 score: $(VENV)/.dev ## the diagnosis on 1,734 recordings that were looked at, beside what a kept library said: two hours
 	$(BIN)/python -m tests.score.pooled $(PART:%=--part %)
+
+tuned-numbers: $(VENV)/.dev ## how many numbers of the diagnosis somebody chose
+	$(BIN)/python -m tests.bars.tuned_numbers
 
 bench-diagnose: $(VENV)/.dev ## how long diagnoses of 6 s and of 60 s take on one core, and their memory
 	$(BIN)/python -m tests.bars.bench_diagnose
