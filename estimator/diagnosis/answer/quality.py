@@ -7,8 +7,8 @@ and rho = exp(-R_s T_s / L), what is left of
     a free run's current    n[k] - rho^k n[0], k periods after its start                (1 + rho^2k) |n|^2
 
 A model's effects see the noise, too: a bent flux linkage makes more volts of it at some currents than at others. By how
-much louder it is with them, noise that is laid over the currents tells. Rms values are of d and q together, over 2 N
-numbers. Knows nothing of how a model was found.
+much louder it is with them, noise that is laid over the currents tells. No floor is above what is left. Rms values are
+of d and q together, over 2 N numbers. Knows nothing of how a model was found.
 """
 
 import math
@@ -43,6 +43,7 @@ def fit_quality(
     both = [_measured(rows, model, i, used, after, noise) for model, i in zip((before, after), runs, strict=True)]
     (step_0, run_0, above_0, low_0), (step_1, run_1, above_1, low_1) = both
     floor_V, floor_A = _floors(rows, after, noise)
+    floor_V, floor_A = min(floor_V, step_0, step_1), min(floor_A, run_0, run_1)
     explained = min(max(1.0 - above_1 / above_0, 0.0), 1.0) if above_0 > 0.0 else 0.0
     one_step, free_run = ErrorChange(step_0, step_1, floor_V), ErrorChange(run_0, run_1, floor_A)
     return Fit(not bool(np.all(held_out)), one_step, free_run, explained, ErrorChange(low_0, low_1, 1.0))
