@@ -66,6 +66,7 @@ def replay(
     def run(chunk: Chunk) -> None:
         nonlocal due, rows
         judgement.take(chunk.samples)
+        turned.compare(chunk.samples)
         for piece, joined in _pieces(chunk, due, every):
             method.take(running, piece, joined=joined)
             due -= len(piece)

@@ -1,18 +1,19 @@
 """Turned: whether the angle and the speed of a recording tell the same; the estimates rest on the angle.
 
-A speed in another unit, or with the wrong sign, is the only one to be wrong. A speed that is the angle's rate times
-another number throughout is a second witness of time: the control period may be wrong by that number, and L_d, L_q and
-psi_f with it, while the equations fit as well. A speed that does not follow the angle is no witness, and neither is one
-that was set. Knows nothing of files and methods.
+A speed in another unit, with the wrong sign, or behind the angle, is the only one to be wrong. A speed that is the
+angle's rate times another number throughout is a second witness of time: the control period may be wrong by that
+number, and L_d, L_q and psi_f with it, while the equations fit as well. A speed that does not follow the angle is no
+witness, and neither is one that was set. Knows nothing of files and methods.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from estimator.diagnosis.intake.causes import speed_as
+from estimator.diagnosis.intake.speed_lag import SpeedLags
 from estimator.samples import Samples, turned_angle
 
 _BLOCK: Final = 64  # rows over which both are compared
@@ -37,6 +38,7 @@ class Turned:
     _angle2: float = 0.0  # rad^2, summed over blocks; so the others
     _speed2: float = 0.0
     _both: float = 0.0
+    _lags: SpeedLags = field(default_factory=SpeedLags)
 
     def take(self, samples: Samples) -> None:
         """Take in a run, or a part of one."""
@@ -55,6 +57,11 @@ class Turned:
         self._angle2 += float(angle @ angle)
         self._both += float(speed @ angle)
 
+    def compare(self, samples: Samples) -> None:
+        """Take in a run, or a part of one, without the rows that no machine makes."""
+        if not self.set_speed:
+            self._lags.take(samples)
+
     def doubt(self) -> str:
         """Why no estimate is sure, a clause; empty where nothing speaks against them."""
         if not self._differ() or self.set_speed or not self._follows() or self._unit():
@@ -63,17 +70,19 @@ class Turned:
 
     def remarks(self) -> tuple[str, ...]:
         """What a user should know besides, a sentence each."""
+        lag = self._lags.found()
         if not self._differ():
-            return ()
+            return (said,) if lag is not None and (said := lag.sentence()) else ()
+        late = (said,) if lag is not None and (said := lag.sentence(scale=False)) else ()
         said = (
             f"theta_e turns at {self._by_angle / self._time:.4g} rad/s on average, but omega_e says "
             f"{self._by_speed / self._time:.4g} rad/s"
         )
         if self.doubt():
             period = f"control periods of {self._T_s / self._ratio:.4g} s, or " if self._ratio > 0.0 else ""
-            return (f"{said}: {period}another angle or speed would be right",)
+            return (f"{said}: {period}another angle or speed would be right", *late)
         unit = self._unit() if self._follows() and not self.set_speed else ""
-        return (f"{said}{unit and f', which seems to be {unit}'}; the estimates rest on theta_e",)
+        return (f"{said}{unit and f', which seems to be {unit}'}; the estimates rest on theta_e", *late)
 
     @property
     def _ratio(self) -> float:

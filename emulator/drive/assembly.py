@@ -13,7 +13,7 @@ from emulator.plant.physics.flux_map import FluxMap, hessian
 from emulator.plant.physics.harmonics import Harmonics
 from emulator.plant.sensors import Sensors
 from emulator.scenario.effects import curve_of, flux_map_of, knee_of
-from emulator.scenario.scenarios import Scenario
+from emulator.scenario.scenarios import FILTERED, Scenario
 
 
 def bench_of(scenario: Scenario) -> Bench:
@@ -56,6 +56,7 @@ def bench_of(scenario: Scenario) -> Bench:
         ),
         sub_steps=drive.sub_steps,
         moves=moves,
+        tells_filtered=drive.recorded_speed == FILTERED,
         crossed=drive.phases_crossed,
     )
 

@@ -60,6 +60,7 @@ class Bench(NamedTuple):
     bridge: Bridge
     sub_steps: int  # integration steps per control period
     moves: bool  # magnets or inductances move, which takes energy
+    tells_filtered: bool  # recordings have the speed that the drive controls by
     crossed: bool  # the motor's phases b and c are connected the other way round
 
 
@@ -177,12 +178,12 @@ def _within_reach(bench: Bench, u: complex, u_dc: float) -> complex:
 
 
 @kernel
-def _write_line(line: NDArray[np.float64], t: float, T_s: float, period: Period, sample: Sample) -> None:
+def _write_line(line: NDArray[np.float64], t: float, omega_e: float, period: Period, sample: Sample) -> None:
     """One line of a recording: `RECORDED`."""
     line[0] = t
     line[1], line[2] = period.u.real, period.u.imag
     line[3], line[4] = period.i.real, period.i.imag
-    line[5], line[6], line[7] = period.turn / T_s, period.theta_e, period.u_dc
+    line[5], line[6], line[7] = omega_e, period.theta_e, period.u_dc
     line[8], line[9], line[10] = sample.i_a, sample.i_b, sample.i_c
 
 
@@ -284,7 +285,8 @@ def simulated(
             write_row(row, T_s, ticks, rows, complete)
             complete += 1
         if len(recording) > 0:
-            _write_line(recording[n], t, T_s, period, before)
+            omega_e = firmware.omega_e if bench.tells_filtered else period.turn / T_s
+            _write_line(recording[n], t, omega_e, period, before)
         tick += 1
     after = State(
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,

@@ -52,6 +52,8 @@ SHAFTS = ("dynamometer", "free")
 BRIDGES = ("averaged", "switched")
 CONTROLS = ("lease", "local", "watchdog")
 SAFE_TORQUE_OFF = ("none", "inactive", "active")
+FILTERED = "filtered"
+RECORDED_SPEEDS = ("angle", FILTERED)
 SPEED_REFERENCES = ("profile", "ramp")
 _RPM = 2.0 * math.pi / 60.0  # rad/s
 _MOST = 1e300
@@ -89,6 +91,7 @@ class Drive:
     timer_counts: Annotated[int, Bound(low=0, high=2**24)] = 5000  # per control period, when switched; 0: ideal
     overmodulation: bool = False  # voltages beyond the circle u_dc / sqrt(3) are tried, the legs cut them off
     speed_filter: Annotated[float, Bound("s", low=0.0, high=1.0)] = 1e-3  # time constant of the speed it controls by
+    recorded_speed: str = "angle"  # omega_e of recordings is the angle's change over a row; "filtered": that speed
     temperature_trip: Annotated[float, Bound("degC")] = 155.0  # of the winding, switches the bridge off
     speed_error_trip: Annotated[float, Bound("rad/s", low=0.0)] = 0.0  # electrical, and so does this; 0: never
     speed_error_time: Annotated[float, Bound("s", low=0.0, high=10.0)] = 0.1  # when it lasts for longer
@@ -277,6 +280,10 @@ def _check_choices(scenario: Scenario) -> None:
     if drive.safe_torque_off not in SAFE_TORQUE_OFF:
         raise ScenarioError(
             f"{name}: drive.safe_torque_off takes {' or '.join(SAFE_TORQUE_OFF)}, got {drive.safe_torque_off!r}"
+        )
+    if drive.recorded_speed not in RECORDED_SPEEDS:
+        raise ScenarioError(
+            f"{name}: drive.recorded_speed takes {' or '.join(RECORDED_SPEEDS)}, got {drive.recorded_speed!r}"
         )
     if 0 < drive.timer_counts < _FEWEST_COUNTS:
         raise ScenarioError(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+from estimator.interval import Z_95
 from estimator.online.flux_balance import TURN
 
 
@@ -14,6 +15,13 @@ def number(x: float, digits: int = 3) -> str:
         return f"{x:.{digits - 1}e}"
     places = digits - 1 - math.floor(math.log10(abs(x)))
     return f"{round(x, places):.{max(0, places)}f}"
+
+
+def interval(x: float, std: float) -> str:
+    """A value and half its 95 % interval, to the second digit of that."""
+    half = Z_95 * std
+    places = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 else 3
+    return f"{x:.{places}f} ± {half:.{places}f}"
 
 
 def rounded(x: float) -> float:

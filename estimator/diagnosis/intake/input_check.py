@@ -25,6 +25,7 @@ from estimator.diagnosis.intake.rough_fit import (
     speed_over_rate,
     stretches_of,
 )
+from estimator.diagnosis.intake.speed_lag import SpeedLags
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
 from estimator.samples import Samples
@@ -70,7 +71,7 @@ def checked(runs: Sequence[Samples], nominal: Machine) -> Checked:
             scaled = list(units(stretches, nominal))
             if any(wrong.stop for wrong in scaled):  # all else follows from it
                 return Checked(tuple(wrong.sentence for wrong in scaled), stop=True)
-            found += _speed(stretches)
+            found += _speed(stretches, runs)
             found += [*_phase_currents(stretches, nominal.n_p), *scaled, *_two_drives(runs, nominal)]
     return Checked(tuple(wrong.sentence for wrong in found), any(wrong.stop for wrong in found))
 
@@ -205,8 +206,13 @@ def _saturated(runs: Sequence[Samples]) -> Iterator[Wrong]:
 # --- Contradictions
 
 
-def _speed(stretches: RoughStretches) -> Iterator[Wrong]:
+def _speed(stretches: RoughStretches, runs: Sequence[Samples]) -> Iterator[Wrong]:
     ratio = speed_over_rate(stretches, Correction())
+    lags = SpeedLags()
+    for run in runs:
+        lags.take(run)
+    if (lag := lags.found()) is not None and (said := lag.sentence(scale=math.isnan(ratio))):
+        yield Wrong(said)
     if not math.isnan(ratio) and (ratio < 0.0 or abs(math.log(ratio)) > _SAME_FACTOR):
         yield Wrong(f"omega_e is {ratio:.4g} times the rate of change of theta_e, expected the same: electrical, in "
                     "rad and rad/s, of one sign, and the right T_s")

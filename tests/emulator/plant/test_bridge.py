@@ -255,6 +255,8 @@ def test_the_averaged_bridge_is_the_default_and_any_other_word_is_refused() -> N
     assert drive_for(MOTOR, bridge="switched").timer_counts == 5000
     for drive, sentence in (
         (replace(PAPER.drive, bridge="fast"), "paper: drive.bridge takes averaged or switched, got 'fast'"),
+        (replace(PAPER.drive, recorded_speed="slow"),
+         "paper: drive.recorded_speed takes angle or filtered, got 'slow'"),
         (replace(PAPER.drive, timer_counts=49), "paper: drive.timer_counts takes 0 or at least 50, got 49"),
         (replace(PAPER.drive, timer_counts=-1), "paper: drive.timer_counts takes at least 0 and at most "),
     ):
