@@ -47,6 +47,9 @@ class Samples:
     Row k starts at `t0 + k T`. `theta_e i_d i_q` are sampled there; `u_d u_q` is the voltage applied over
     the row, in the rotor frame at each control period's middle. A row covers `periods` control periods of
     `T_s`; where that is one, the mean currents are the mean of the row's two ends and may be left out.
+
+    `q_only`: u_d was not recorded and is zeros that tell nothing, so that the d axis has no equation. So is i_d, unless
+    it was recorded: that of a drive that controls it to zero.
     """
 
     theta_e: Column  # rad, wrapped or not
@@ -66,6 +69,7 @@ class Samples:
     i_b: Column | None = None
     i_c: Column | None = None
     left_out: LeftOut | None = None  # what is known of the rows between the samples before and these
+    q_only: bool = False
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -89,6 +93,7 @@ class Samples:
             self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
             self.T_s, self.periods, cut(self.i_d_mean), cut(self.i_q_mean), self.t0 + start * self.T, self.resolution,
             cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c), self.left_out if start == 0 else None,
+            self.q_only,
         )
 
 

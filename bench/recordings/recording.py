@@ -121,7 +121,7 @@ class RecordingReader:
         self._parts = ({name: column for name, column in part.items() if name not in empty} for part in parts)
         self._noted = noted
         constants = {name: value for name, value in used.constants.items() if name not in STATIONARY}
-        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution, beside)
+        self._splitter = RunSplitter(self.clock, constants, shift, noted.resolution, beside, q_only=sources.q_only)
         self._chunks = self._read()
 
     @property
@@ -166,6 +166,7 @@ def open_recording(
     optional: bool = True,
     temperatures: bool = False,
     phases: bool = False,
+    q_alone: bool = False,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
@@ -174,14 +175,16 @@ def open_recording(
     the arguments. `T_s`: control period in s, which the file's times must meet within 1 %. `align`: `{"u": rows}`, see
     the module. `theta_step`: resolution of `theta_e` in rad, 0 where it is not known. `u_dc`: V, where the recording
     does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
-    currents. `temperatures`, `phases`: whether to have them, or phase currents, beside the samples.
+    currents. `temperatures`, `phases`: whether to have them, or phase currents, beside the samples. `q_alone`: whether
+    the q axis alone is enough, so that u_d, and i_d, need not be there.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
     check_undamaged(path)
     header = header_of(path)
     sources = find_sources(
-        path, header, mapping, constants, optional=optional, temperatures=temperatures, phases=phases, n_p=n_p
+        path, header, mapping, constants, optional=optional, temperatures=temperatures, phases=phases, n_p=n_p,
+        q_alone=q_alone,
     )
     columns = tuple(dict.fromkeys(sources.columns.values()))
     T_s, told = constants.get("T_s", T_s), _Told(header.remark)

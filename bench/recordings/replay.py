@@ -10,12 +10,13 @@ import numpy as np
 
 from bench.live import method
 from bench.live.doubts import doubted
+from bench.live.q_axis import estimate_on_q, window_on_q
 from bench.live.window import Window
 from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
-from bench.recordings.sources import PHASES, TEMPERATURES
+from bench.recordings.sources import NOT_RECORDED, PHASES, TEMPERATURES
 from bench.recordings.turned import Turned
 from estimator.diagnosis.intake.causes import bring_in_order
 from estimator.diagnosis.intake.phase_sensors import Fault, PhaseSums
@@ -57,6 +58,8 @@ def replay(
     `on_rows` hears the number of rows done, now and then. `nominal`: values (SI) that the machine should have;
     `n_p`: its pole pairs, where they are known.
     """
+    q_only, i_d = reader.sources.q_only, reader.sources.told["i_d"] != NOT_RECORDED
+    window = window_on_q(window, i_d=i_d) if q_only else window
     running, screen = method.start(window), Screen()
     turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
@@ -72,9 +75,12 @@ def replay(
             due -= len(piece)
             rows += len(piece)
             if every and due <= 0:
-                reports.append(_Report(rows, piece.t0 + len(piece) * piece.T, method.estimate(running)))
+                reports.append(_Report(rows, piece.t0 + len(piece) * piece.T, estimate()))
                 due = every
         report()
+
+    def estimate() -> WindowEstimate:
+        return estimate_on_q(running, reader.clock.step, i_d=i_d) if q_only else method.estimate(running)
 
     def report() -> None:
         while reports and reports[0].rows <= judgement.done:
@@ -104,7 +110,7 @@ def replay(
         run(left)
     verdict = judgement.verdict()
     report()
-    result = method.estimate(running)
+    result = estimate()
     mismatch = doubt(rows)
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
@@ -185,7 +191,7 @@ def as_json(replayed: Replay) -> dict[str, Any]:
 
 def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
     """What the voltages ask for in place of a speed that the angle is the integral of, a sentence where they do."""
-    found = speed_factor(worst, n_p)
+    found = None if worst and worst[0].q_only else speed_factor(worst, n_p)
     if found is None:
         return ()
     pairs = "" if found.n_p is None or n_p is not None else f", of {found.n_p} pole pairs"

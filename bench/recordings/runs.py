@@ -107,10 +107,10 @@ class RunSplitter:
 
     def __init__(
         self, clock: Clock, constants: Mapping[str, float], shift: float, resolution: Resolution,
-        beside: Sequence[str] = (),
+        beside: Sequence[str] = (), *, q_only: bool = False,
     ) -> None:
-        """`beside`: columns that go along with the samples; a row may do without a value of them."""
-        self.clock = clock
+        """`beside`: columns that go along with the samples; a row may do without a value of them. `q_only`: theirs."""
+        self.clock, self._q_only = clock, q_only
         self._resolution, self._beside = resolution, beside
         self.tally = Tally()
         self._constants = {name: value for name, value in constants.items() if name != "periods"}
@@ -249,7 +249,7 @@ class RunSplitter:
         beside = {name: taken.pop(name) for name in self._beside if name in taken}
         samples = Samples(
             **taken, T_s=self.clock.T_s, periods=self.clock.periods, t0=float(columns["t"][front]),
-            resolution=self._resolution,
+            resolution=self._resolution, q_only=self._q_only,
         )
         joined = run.handed_on > 0
         run.handed_on += len(samples)

@@ -19,6 +19,7 @@ from bench.recordings.forms.units import UNCHANGED, Scale, name_and_unit, same_m
 from bench.recordings.table import Header, quoted
 
 NEEDED: tuple[str, ...] = ("t", "u_d", "u_q", "i_d", "i_q", "omega_e")  # s, V, A, rad/s
+OF_D: tuple[str, ...] = ("u_d", "i_d", "i_d_mean")  # V, A, which whoever takes the q axis alone does without
 MEANS: tuple[str, ...] = ("i_d_mean", "i_q_mean")  # A, needed where a row covers several control periods
 PHASES: tuple[str, ...] = ("i_a", "i_b", "i_c")  # A, read where all three are there
 OPTIONAL: tuple[str, ...] = ("u_dc", *PHASES)  # V, A
@@ -26,6 +27,7 @@ TEMPERATURES: tuple[str, ...] = ("temp_winding", "temp_magnet")  # degC; no esti
 STATIONARY: tuple[str, ...] = ("i_alpha", "i_beta", "u_alpha", "u_beta", "u_a", "u_b", "u_c")  # A, V, where dq are not
 KNOWN: tuple[str, ...] = (*NEEDED, "theta_e", *MEANS, "periods", *OPTIONAL, *STATIONARY, *TEMPERATURES)
 SETTINGS: tuple[str, ...] = ("T_s", "n_p")  # constants that are no column: s, pole pairs
+NOT_RECORDED: Final = "not recorded"
 MAX_PERIODS = 1_000_000  # control periods a row covers
 ALIGNABLE: tuple[str, ...] = ("u",)
 _TIMES: Final = ("t", "time")  # names of a time that tells its unit
@@ -47,6 +49,7 @@ class Sources:
     scales: Mapping[str, Scale] = field(default_factory=dict[str, Scale])  # of columns that are not in SI
     frame: RotorFrame | None = None  # where quantities are made of others
     remarks: tuple[str, ...] = ()  # what was made of the columns, a sentence each
+    q_only: bool = False  # the d axis has no voltage
 
     def without(self, empty: Sequence[str]) -> "Sources":
         """These sources where optional columns turn out to hold no value; phase currents go together."""
@@ -224,9 +227,12 @@ def _unit_of(path: Path, quantity: str, unit: str, n_p: float | None, *, where: 
 
 def find_sources(
     path: Path, header: Header, mapping: Mapping[str, str], constants: Mapping[str, float], *, optional: bool,
-    temperatures: bool = False, phases: bool = False, n_p: float | None = None,
+    temperatures: bool = False, phases: bool = False, n_p: float | None = None, q_alone: bool = False,
 ) -> Sources:
-    """Match what a recording needs, and may have, with what is there. A constant wins over a column of its name."""
+    """Match what a recording needs, and may have, with what is there. A constant wins over a column of its name.
+
+    `q_alone`: whether the q axis alone is enough.
+    """
     given, n_p = {k: float(v) for k, v in constants.items() if k not in SETTINGS}, constants.get("n_p", n_p)
     found = _Found(path, header, mapping, given, n_p)
     for name in mapping:
@@ -236,6 +242,10 @@ def find_sources(
         wanted += MEANS
     frame, made = _frame(found)
     missing = [name for name in wanted if not (found.is_there(name) or name in made)]
+    lacking = q_alone and "u_d" in missing and set(missing) <= {"t", *OF_D} and found.is_there("i_q")
+    if lacking:
+        given = given | dict.fromkeys((name for name in missing if name in OF_D), 0.0)
+        missing = [name for name in missing if name not in OF_D]
     if missing == ["t"] and "T_s" in constants:
         missing, wanted = [], [name for name in wanted if name != "t"]
     if missing:
@@ -256,6 +266,8 @@ def find_sources(
     told = {name: source.told() for name, source in read.items()}
     for name, value in held.items():
         told[name] = f"constant {value:g}" + (", in place of the column" if name in header.names else "")
+    if lacking:
+        told |= {name: NOT_RECORDED for name in OF_D if name in held and not found.is_there(name)}
     told |= made
     if "t" not in told:
         told["t"] = f"the row's number times {constants['T_s'] * constants.get('periods', 1):g} s"
@@ -266,6 +278,7 @@ def find_sources(
         columns, held, told, tuple(name for name in header.names if name not in columns.values()),
         {name: source.scale for name, source in read.items() if source.scale != UNCHANGED}, frame,
         (*(said for name, source in read.items() if (said := source.remark(name))), *_remarks(made, told)),
+        lacking,
     )
 
 
@@ -309,6 +322,9 @@ def _frame(found: _Found) -> tuple[RotorFrame | None, dict[str, str]]:
 def _remarks(made: Mapping[str, str], told: Mapping[str, str]) -> Sequence[str]:
     said = [f"{letter}_d and {letter}_q are made {made[f'{letter}_d']}" for letter in "iu" if f"{letter}_d" in made]
     said += [f"omega_e is {made['omega_e']}"] if "omega_e" in made else []
+    if told["u_d"] == NOT_RECORDED:
+        zero = ", no i_d, which is taken for zero, as a drive controls it to zero"
+        said.append(f"the q axis alone: no u_d{zero if told['i_d'] == NOT_RECORDED else ''}")
     if told["t"].startswith("the row's number"):
         said.append(f"no times are read: t is {told['t']}; rows that are not in the file do not show")
     return said

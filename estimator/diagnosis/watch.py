@@ -27,8 +27,10 @@ from estimator.diagnosis.likelihood.constant_parameters import (
     POLE,
     ROUND_OFF,
     balance_columns,
+    half_turn,
     least_squares,
     of_h,
+    on_q,
     whiten_axes,
 )
 from estimator.diagnosis.verdict import Place
@@ -95,26 +97,30 @@ def mismatch_of(runs: Sequence[Samples], estimates: Mapping[str, Estimate]) -> L
     beta, free = _start(balance, estimates, one.T)
     if not all(free[k] or beta[k] > 0.0 for k in (1, 2)):
         return None
-    columns, held, poles = balance_columns(balance), beta, (POLE, POLE)
+    q_only = one.q_only
+    columns, held, poles = balance_columns(balance, q_only=q_only), beta, (POLE, POLE)
     step = max(
         one.resolution.theta_e, _largest_step(np.concatenate([run.theta_e for run in runs]), one.periods * D, joined)
     )
     for last in (False, True):
-        columns[6] = _voltage_by_angle(columns, beta)
+        by_angle = _voltage_by_angle(columns, beta)
+        columns[6] = on_q(by_angle) if q_only else by_angle
         white = columns.copy()
-        whiten_axes(white, np.exp(0.5j * D), joined, one.T, *poles)
+        whiten_axes(white, half_turn(D, q_only=q_only), joined, one.T, *poles)
         beta, offset = _fit_free(white, held, beta, free, step)
         coefficients = np.array([*-beta, 1.0, of_h(beta), -offset])
         z: Vector = coefficients @ white
         rounded = _rounding_variance(beta, columns, step, one.T, poles)
+        rounded = (0.0, rounded[1]) if q_only else rounded
         axes = tuple(_spectrum_of(x, n) for x, n in zip((z.real, z.imag), rounded, strict=True))
         if not last:
             poles = _poles(beta, columns, one, axes)
     volts2 = sum(axis.excess(pole, one.T) for axis, pole in zip(axes, poles, strict=True))
     return Left(
         len(z), _moves(columns, beta, one, axes), max(axis.significance for axis in axes),
-        0.5 * sum(axis.ratio for axis in axes), math.sqrt(volts2), _least_voltage(columns, beta, one),
-        coefficients @ columns, (axes[0].level, axes[1].level), _seen(balance, D, runs, beta),
+        sum(axis.ratio for axis in axes) / (1.0 if q_only else 2.0), math.sqrt(volts2),
+        _least_voltage(columns, beta, one), coefficients @ columns, (axes[0].level, axes[1].level),
+        _seen(balance, D, runs, beta),
     )  # fmt: skip
 
 

@@ -95,8 +95,8 @@ def estimate(
         if Z_95 * error < value:
             estimates[name] = Estimate(name, value, error, UNITS[name], Status.OK, window=length)
     return WindowEstimate(
-        estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length, said.condition,
-        said.residual_rms, state.left_out, said.combinations,
+        estimates, state.samples, state.gaps, sums.axes * int(sums.rows[0]), state.samples == state.length,
+        said.condition, said.residual_rms, state.left_out, said.combinations,
         tuple(name for name, e in estimates.items() if name in said.impossible or (
             e.status is Status.OK and e.value is not None and not plausible(PARAMETERS.index(name), e.value)
         )),

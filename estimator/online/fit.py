@@ -45,6 +45,7 @@ FAINT_SPEED: Final = 1e-6  # rad/s: what is smaller is arithmetic, not a signal
 MODEL: Final = 1e-6  # share of the rms voltage that the flux balance, exact to second order, may be off,
 MODEL_MOVING: Final = 3e-5  # times the relative spread of speed^2, more where it changes within a row,
 MODEL_TURN: Final = 8e-4  # and, times D^3, more where the rotor turns far within a control period
+I_D: Final = 0.01  # of i_q, rms: standard deviation of an i_d that is not recorded and taken for zero
 SHARED: Final = 50.0  # rows: a stretch's own residual counts against that of all stretches as its rows against these
 _PRIOR_LEAST: Final = 1e-5  # of the voltage, that a prior leaves open: with less, arithmetic loses what is wide
 _SMALL_TERM_ROUNDS: Final = 4  # of the iteration of the small terms; each gains three digits
@@ -88,6 +89,8 @@ def fit_windows(
     found = _round_solved(sums, task, small)
     for _ in range(_SMALL_TERM_ROUNDS - 1):
         small = _second_order(_known_parameters(found.beta, found.sure, task.stand_in), sums.T_s)
+        if sums.q_only:
+            small[:, :2] = 0.0  # h and b_d are of the d axis
         found = _round_solved(sums, task, small)
 
     free, beta = task.free, found.beta
@@ -106,7 +109,7 @@ def fit_windows(
     rows = np.maximum(sums.rows, 1.0)
     return WindowFit(
         free, beta, std, lasting, sure & (Z_95 * std < np.abs(beta)) & task.enough[:, None], found.ex.weak,
-        condition(task.G), np.sqrt(rss / (2.0 * rows)), found.sigma2 / float(sums.periods),
+        condition(task.G), np.sqrt(rss / (sums.axes * rows)), found.sigma2 / float(sums.periods),
     )
 
 
@@ -145,7 +148,7 @@ def _task(
     sums: WindowSums, estimated: Sequence[str], held: Mapping[str, float], *, noise_aware: bool, together: bool
 ) -> _Task:
     free = [PARAMETERS.index(name) for name in PARAMETERS if name in estimated]
-    enough = 2.0 * sums.rows > len(free)
+    enough = sums.axes * sums.rows > len(free)
     stand_in = np.array([held.get(name, 0.0) for name in PARAMETERS])
     known = stand_in.copy()
     known[free] = 0.0
@@ -387,13 +390,13 @@ def _variance(
 ) -> tuple[Array, Array, Array]:
     """Sandwich variances (K, p) with residuals of first-order moving average; of constant errors; squares (K,)."""
     r = window_residual(sums, c)
-    n = np.maximum(r.rows, 1.0)
-    known, own = colour(r), np.maximum(n - 0.5 * len(free), 0.5)
+    n, share = np.maximum(r.rows, 1.0), len(free) / sums.axes  # of the parameters, an axis'
+    known, own = colour(r), np.maximum(n - share, 0.5)
     gamma0, freedom_of_gamma0 = r.squares / own, own
     if together:
         pool = r.pooled()
         known = colour(pool)
-        common = pool.squares / np.maximum(pool.rows - 0.5 * len(free) * len(n), 0.5)
+        common = pool.squares / np.maximum(pool.rows - share * len(n), 0.5)
         gamma0, freedom_of_gamma0 = (r.squares + SHARED * common) / (own + SHARED), own + SHARED
     outside, inside = inverse[:, None], (S[:, :, free][..., free] for S in (sums.lag0, sums.lag1))
     S0, S1 = (np.diagonal(outside @ S @ outside, axis1=2, axis2=3) for S in inside)  # (K, 2, p)
@@ -418,7 +421,16 @@ def _constant_errors(sums: WindowSums, c: Array, gamma0: Array, sigma2: Array) -
     Z2 = c[:, 0, 0] ** 2 + s2 * np.max(c[:, 0, 1:3] ** 2, axis=1)  # ohm^2
     of_u, of_i = _undithered(sums.resolution.u, gamma0), _undithered(sums.resolution.i, sigma2 / sums.periods)
     model2 = MODEL**2 + (MODEL_TURN * _turn_rms(sums) ** 3) ** 2 + MODEL_MOVING**2 * spread_of_speed(sums)
-    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + _angle_error(sums, c, s2)
+    return (model2 * u2)[:, None] + of_u + Z2[:, None] * of_i + _angle_error(sums, c, s2) + _missed_current(sums, c, s2)
+
+
+def _missed_current(sums: WindowSums, c: Array, s2: Array) -> Array:
+    """What an i_d that is not recorded may do to u_q, in V^2 (K, 2): the current control lets i_q through to it."""
+    missed = np.zeros((len(s2), 2))
+    if sums.q_only:
+        i_q2, none = sums.lag0[:, 1, 0, 0] / np.maximum(sums.rows, 1.0), sums.lag0[:, 1, 1, 1] == 0.0
+        missed[:, 1] = np.where(none, s2 * c[:, 1, 2] ** 2 * I_D**2 * i_q2, 0.0)
+    return missed
 
 
 def _angle_error(sums: WindowSums, c: Array, s2: Array) -> Array:

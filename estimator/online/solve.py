@@ -51,8 +51,8 @@ def solve(
 def solution_of(sums: WindowSums, found: WindowFit, held: Mapping[str, float]) -> Solution:
     """What the first of the windows in `found` says; `sums` are theirs."""
     rows, p = float(sums.rows[0]), len(found.free)
-    if 2.0 * rows <= p:
-        return Solution(_no_data(round(2.0 * rows), found.free, held), (), None, None)
+    if sums.axes * rows <= p:
+        return Solution(_no_data(round(sums.axes * rows), found.free, held), (), None, None)
     untold = [j for j, k in enumerate(found.free) if not (found.told[0, k] and found.beta[0, k] > 0.0)]
     groups = combinations(found.weak[0], untold)
     said = [Combination(tuple(PARAMETERS[found.free[j]] for j in g), _why_untold(g, sums, found)) for g in groups]
@@ -147,7 +147,7 @@ class _Signals:
         return cls(
             bool(still), (bool(flows[0]), bool(flows[1])), math.sqrt(float(level2.sum())),
             math.sqrt(float(np.sum(found.noise[0]))), float(found.residual_rms[0]),
-            (bool(steady[0]), bool(steady[1]), steady_speed),
+            (bool(steady[0]) and not sums.q_only, bool(steady[1]), steady_speed),
         )
 
     def silence(self, name: str) -> str:

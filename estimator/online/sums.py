@@ -34,6 +34,12 @@ class WindowSums:
     T_s: float  # s, control period
     periods: int  # control periods that a row covers
     resolution: Resolution
+    q_only: bool = False  # the d axis has no equation: its sums are zero, but for that of h
+
+    @property
+    def axes(self) -> int:
+        """Equations of a row."""
+        return 1 if self.q_only else 2
 
     @property
     def T(self) -> float:
@@ -42,14 +48,20 @@ class WindowSums:
 
 
 def sums_from(
-    triangles: Array, counts: Array, T_s: float, periods: int, resolution: Resolution = NOT_KNOWN
+    triangles: Array, counts: Array, T_s: float, periods: int, resolution: Resolution = NOT_KNOWN, *,
+    q_only: bool = False,
 ) -> WindowSums:
     """Sums from upper triangles (K, 6, 15), d and q axis of lag0, lag1 and batch, then the five counts (K, 5)."""
     full = np.zeros((len(triangles), 6, SIZE, SIZE))
     for axis, places in enumerate(_PLACES):
         row, column = places[_UPPER[0]], places[_UPPER[1]]
         full[:, axis::2, row, column] = full[:, axis::2, column, row] = triangles[:, axis::2]
+    if q_only:
+        h = full[:, 0, H, H].copy()
+        full[:, ::2] = 0.0
+        full[:, 0, H, H] = h
     rows, pairs, batches, w_w, w_next = counts.T
     return WindowSums(
-        full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, resolution
+        full[:, :2], full[:, 2:4], full[:, 4:], rows, pairs, batches, w_w, w_next, T_s, periods, resolution,
+        q_only,
     )

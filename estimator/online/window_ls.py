@@ -62,6 +62,7 @@ class WindowState:
     T_s: float = 1.0  # s, control period of the samples
     periods: int = 1  # control periods per sample
     resolution: Resolution = NOT_KNOWN
+    q_only: bool = False  # the samples have no equation of the d axis
 
     @property
     def samples(self) -> int:
@@ -133,6 +134,7 @@ def update(state: WindowState, samples: Samples, *, joined: bool = True) -> Wind
     """
     columns = columns_of(samples)
     state.T_s, state.periods, state.resolution = samples.T_s, samples.periods, samples.resolution
+    state.q_only = samples.q_only
     if not joined:
         state.count[1] = 0
     take_samples(
@@ -164,7 +166,7 @@ def resized(state: WindowState, length: int, m: int) -> WindowState:
         return state
     new = init(length, m)
     new.T_s, new.periods, new.ends = state.T_s, state.periods, state.ends
-    new.resolution = state.resolution
+    new.resolution, new.q_only = state.resolution, state.q_only
     new.count[1:] = state.count[1:]
     n = int(state.count[0])
     held = np.arange(max(0, n - min(len(state.starts), len(new.starts))), n) % len(state.starts)
@@ -184,7 +186,7 @@ def estimate(
     sums = sums_of(state, [state.length])
     found = solve(sums, estimated, held, noise_aware=noise_aware)
     return WindowEstimate(
-        found.estimates, state.samples, state.gaps, 2 * int(sums.rows[0]), state.samples == state.length,
+        found.estimates, state.samples, state.gaps, sums.axes * int(sums.rows[0]), state.samples == state.length,
         found.condition, found.residual_rms, state.left_out, found.combinations, found.impossible,
     )
 
@@ -197,7 +199,9 @@ def sums_of(state: WindowState, lengths: Sequence[int], ends: Sequence[int] | No
         first = max(0, newest - min(length, state.length))
         total_sums(first, newest - end, state.m, state.rows, state.starts, state.sums, state.places, into)
     triangles = total[:, :ROWS].reshape(len(lengths), 6, -1)
-    return sums_from(triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.resolution)
+    return sums_from(
+        triangles, total[:, ROWS:], state.T_s, state.periods * state.m, state.resolution, q_only=state.q_only
+    )
 
 
 def waiting(state: WindowState) -> int:

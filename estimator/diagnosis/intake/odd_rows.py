@@ -21,7 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array, Bools, Vector, Vectors
-from estimator.diagnosis.likelihood.constant_parameters import POLE, balance_columns, least_squares, of_h, whiten_axes
+from estimator.diagnosis.likelihood.constant_parameters import (
+    POLE,
+    balance_columns,
+    half_turn,
+    least_squares,
+    of_h,
+    whiten_axes,
+)
 from estimator.kernel import kernel
 from estimator.online.flux_balance import angle_turned, flux_balance
 from estimator.samples import Samples
@@ -112,7 +119,10 @@ def _table(runs: Sequence[Samples]) -> _Table:
     ])
     joined = np.diff(begins, prepend=-2) == 1
     D = angle_turned(balance, runs[0].T_s)
-    return _Table(balance_columns(balance), np.exp(0.5j * D), D, joined, begins, runs[0].T)
+    q_only = runs[0].q_only
+    return _Table(
+        balance_columns(balance, q_only=q_only), half_turn(D, q_only=q_only), D, joined, begins, runs[0].T
+    )
 
 
 def _searched(table: _Table, known: Usual | None, samples: int) -> tuple[Bools, Usual | None]:
@@ -148,7 +158,7 @@ def _currents_return(table: _Table, e: Vector, fitted: Usual) -> Bools:
     there, back = e[:-1], e[1:]
     least = np.minimum(np.abs(there), np.abs(back))
     turned, s = np.cos(0.5 * table.D[1:]), table.columns[3, 1:].imag
-    i_d = (back - there).real * table.T / (2.0 * L_d * turned)  # A, by which the sample is off
+    i_d = (back - there).real * table.T / (2.0 * (L_d or 1.0) * turned)  # A, by which the sample is off
     i_q = (back - there).imag * table.T / (2.0 * L_q * turned)
     left = there + back + R_s * (i_d + 1j * i_q) - L_q * s * i_q + 1j * L_d * s * i_d
     far = _over_usual(e, fitted.usual[2:]) > FAR

@@ -5,7 +5,8 @@ in the flux error
 
     z[k+1] = exp(-jD/2) (a exp(-jD/2) z[k] + T e[k])
 
-Pure; knows nothing of effects.
+Where the d axis has no equation its part is zero throughout, and the q axis' is filtered without the turn, which mixes
+them. Pure; knows nothing of effects.
 """
 
 from typing import Final
@@ -21,10 +22,21 @@ LEAST_L: Final = PLAUSIBLE["L_d"][0]  # H
 ROUND_OFF: Final = 1e-10
 
 
-def balance_columns(balance: Array) -> Vectors:
+def balance_columns(balance: Array, *, q_only: bool = False) -> Vectors:
     """What multiplies R_s, L_d, L_q, psi_f in a row's voltage; the voltage; the small term h; place for the angle."""
     i_d, i_q, x_d, x_q, y_d, y_q, s, h, u_d, u_q = balance.T
-    return np.stack((i_d + 1j * i_q, x_d + 1j * y_d, 1j * x_q - y_q, 1j * s, u_d + 1j * u_q, h + 0j, 0j * h))
+    columns = np.stack((i_d + 1j * i_q, x_d + 1j * y_d, 1j * x_q - y_q, 1j * s, u_d + 1j * u_q, h + 0j, 0j * h))
+    return on_q(columns) if q_only else columns
+
+
+def on_q(x: Vectors) -> Vectors:
+    """Without the part of the d axis."""
+    return 1j * x.imag
+
+
+def half_turn(D: Array, *, q_only: bool = False) -> Vector:
+    """By how much the filter turns: by half of D, but for an axis alone."""
+    return np.exp(0.5j * (0.0 * D if q_only else D))
 
 
 def of_h(beta: Array) -> float:
