@@ -170,11 +170,11 @@ def _effects(
     given: Mapping[str, object], path: str | Path
 ) -> tuple[dict[str, Mapping[str, float]], dict[str, tuple[float, ...]]]:
     """Sizes and equations by effect. Raises ConfigError."""
-    from estimator.physics import convention_error
+    from estimator.physics import convention_error, speed_lag
     from estimator.physics.library import BY_NAME
 
     names = {name: [parameter.name for parameter in effect.parameters] for name, effect in BY_NAME.items()}
-    names[convention_error.NAME] = []
+    names |= {convention_error.NAME: [], speed_lag.NAME: []}
     kinds = {name: _table(f"effects.{name}") for name in names}
     known = TypeAdapter[Mapping[str, dict[Any, Any]]](
         Annotated[Mapping[str, dict[Any, Any]], Table("", "unknown effect {key}, expected one of {all}", kinds)]

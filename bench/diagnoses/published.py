@@ -26,7 +26,8 @@ _TABLE: Final = {"items": {"type": "array", "items": {"anyOf": [_NUMBER, {"type"
 _SHARE: Final = {"minimum": 0.0, "maximum": 1.0}
 _ODDS: Final = {"minimum": 0.0, "maximum": MOST_ODDS}
 _EFFECT: Final = {
-    "type": "string", "pattern": "^[a-z][a-z0-9_]*$", "examples": [*BY_NAME, "dc_link_gain", "convention_error"],
+    "type": "string", "pattern": "^[a-z][a-z0-9_]*$",
+    "examples": [*BY_NAME, "dc_link_gain", "convention_error", "speed_lag"],
 }  # fmt: skip
 _MOTOR: Final = {
     "type": "object", "additionalProperties": False,

@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Iterable
+from typing import Final
 
-from estimator.interval import Z_95
+from estimator.interval import half_width
 from estimator.online.flux_balance import TURN
+
+_MOST_DECIMALS: Final = 9
 
 
 def number(x: float, digits: int = 3) -> str:
@@ -17,11 +20,14 @@ def number(x: float, digits: int = 3) -> str:
     return f"{round(x, places):.{max(0, places)}f}"
 
 
-def interval(x: float, std: float) -> str:
-    """A value and half its 95 % interval, to the second digit of that."""
-    half = Z_95 * std
-    places = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 else 3
-    return f"{x:.{places}f} ± {half:.{places}f}"
+def with_interval(value: float, std: float | None, digits: int = 3) -> str:
+    """A number and half its 95 % interval to two digits of that; without a standard error, to so many digits."""
+    half = half_width(std)
+    if not half or not math.isfinite(half):
+        return f"{value:.{digits}g}"
+    places = 1 - math.floor(math.log10(half))
+    decimals = min(max(places, 0), _MOST_DECIMALS)
+    return f"{value:.{decimals}f} ± {round(half, places):.{decimals}f}"
 
 
 def rounded(x: float) -> float:

@@ -1,8 +1,8 @@
 """Steady points: a table (CSV, CSV.gz, Parquet) with one steady state a row, SI and peak dq quantities.
 
-Columns `u_d u_q i_d i_q`, and `omega_e` (rad/s, electrical) or `speed_rpm` (mechanical, with pole pairs from the
-machine file or `--set n_p=...`); `t` (s) where the rows are a log in time. A mapping names columns called otherwise,
-and their units: `omega_e=erpm[erpm]`. Further columns are not read.
+Columns `u_d u_q i_d i_q`, or `u_q i_q` alone, and `omega_e` (rad/s, electrical) or `speed_rpm` (mechanical, with
+pole pairs from the machine file or `--set n_p=...`); `t` (s) where the rows are a log in time. A mapping names columns
+called otherwise, and their units: `omega_e=erpm[erpm]`. Further columns are not read.
 """
 
 import math
@@ -22,9 +22,11 @@ from bench.recordings.recording import Summary
 from bench.recordings.sources import Source, bare_names, listed, source_of
 from bench.recordings.table import Header, column_names, header_of, quoted, read_whole
 from estimator.diagnosis.points.diagnose import diagnose_points, given_off
+from estimator.diagnosis.points.q_axis_diagnosis import diagnose_q_points
 from estimator.diagnosis.points.table import Points, steady
 
 VOLTAGES_AND_CURRENTS: Final = ("u_d", "u_q", "i_d", "i_q")
+OF_Q: Final = ("u_q", "i_q")  # without u_d these alone; i_d where it is there
 KNOWN: Final = (*VOLTAGES_AND_CURRENTS, "omega_e", "speed_rpm", "t")
 CONSTANTS: Final = ("n_p",)
 OF_PERIODS: Final = ("theta_e", "i_a", "i_b", "i_c")  # told by recordings only
@@ -41,7 +43,7 @@ def sniff(path: Path, mapping: Mapping[str, str]) -> bool:
     if present & set(OF_PERIODS):
         return False
     speed = "speed_rpm" in present or ("omega_e" in present and "t" not in present)
-    return speed and present >= set(VOLTAGES_AND_CURRENTS)
+    return speed and present >= set(OF_Q)
 
 
 def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnosed:
@@ -70,7 +72,8 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
     nominal = replace(request.nominal, n_p=n_p)
     rows = len(omega_e)
     t = np.arange(rows) / rate if rate is not None and "t" not in cells else cells.get("t")
-    u, i = cells["u_d"] + 1j * cells["u_q"], cells["i_d"] + 1j * cells["i_q"]
+    none = np.zeros(rows)
+    u, i = cells.get("u_d", none) + 1j * cells["u_q"], cells.get("i_d", none) + 1j * cells["i_q"]
     whole = np.isfinite(u) & np.isfinite(i) & np.isfinite(omega_e)
     if t is not None:
         whole &= np.isfinite(t)
@@ -82,7 +85,10 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
     if t is not None:
         points = points.at(np.argsort(t, kind="stable"))
     tell(0.1, "fitting")
-    diagnosis = diagnose_points(points, n_p=nominal.n_p, i_rated=nominal.i_rated)
+    if "u_d" in cells:
+        diagnosis = diagnose_points(points, n_p=nominal.n_p, i_rated=nominal.i_rated)
+    else:
+        diagnosis = diagnose_q_points(points, i_d="i_d" in cells)
     remarks = [*diagnosis.remarks, *given_off(diagnosis.machine_after, nominal.given, request.trust)]
     if left_out:
         remarks.insert(0, f"rows left out for want of a value: {left_out} of {rows}")
@@ -110,7 +116,8 @@ def sources_of(path: Path, header: Header, mapping: Mapping[str, str], n_p: int 
             raise ConfigError(f"no quantity {quoted(name)} in steady points, expected one of {', '.join(KNOWN)}")
     looked_for = ((name, source_of(path, header, name, mapping.get(name), n_p)) for name in KNOWN)
     found = {name: source for name, source in looked_for if source is not None}
-    missing = [name for name in VOLTAGES_AND_CURRENTS if name not in found]
+    needed = VOLTAGES_AND_CURRENTS if "u_d" in found or "u_q" not in found else OF_Q
+    missing = [name for name in needed if name not in found]
     if "omega_e" not in found and "speed_rpm" not in found:
         missing.append("omega_e or speed_rpm")
     if missing:

@@ -1,6 +1,6 @@
 """Recordings of every control period: `bench.recordings.recording`."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
@@ -11,12 +11,17 @@ import numpy as np
 
 from bench.diagnoses.diagnosis_request import Request, Tell, check_whole
 from bench.diagnoses.formats.format import Diagnosed, Format
-from bench.errors import ConfigError, RecordingError
+from bench.errors import BenchError, ConfigError, RecordingError
 from bench.recordings.long_recording import read_in_stretches
-from bench.recordings.recording import Recording, RecordingReader, check_every_period, open_recording, whole
+from bench.recordings.recording import Recording, RecordingReader, check_every_period, joined, open_recording, whole
+from bench.recordings.runs import Chunk
+from bench.recordings.screen import Screen
 from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
 from estimator.diagnosis.diagnose import diagnose
+from estimator.diagnosis.intake.speed_lag import SpeedLags
+from estimator.diagnosis.points.diagnose import given_off
+from estimator.diagnosis.points.q_axis_diagnosis import diagnose_q_log
 from estimator.diagnosis.verdict import Diagnosis
 from estimator.interval import Z_95
 from estimator.physics import voltage_delay
@@ -30,7 +35,7 @@ _WHOLE_ROW: Final = 0.1  # rows, by which a delay may be off a whole one
 def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     """Read and diagnose a recording."""
     nominal = request.nominal
-    if not nominal.given and nominal.n_p is None:
+    if not nominal.given and nominal.n_p is None and not _q_only(request):
         needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
         if "t" not in (*bare_names(column_names(request.file)), *request.mapping):
             needs += (
@@ -38,15 +43,18 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
                 f"present: {', '.join(column_names(request.file)[:30])}; other names by --map NAME=COLUMN"
             )
         raise ConfigError(needs)
-    machine = check_whole(nominal)
+    machine = None if _q_only(request) else check_whole(nominal)
     tell(0.0, "reading")
-    recording, stretches = read_in_stretches(lambda: opened(request))
+    recording, stretches = read_in_stretches(lambda: opened(request, q_alone=True))
 
     def on(share: float, phase: str) -> None:
         tell(_READING + (1.0 - _READING) * share, phase)
 
     with refusals_of(request.file):
-        diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+        if machine is None:
+            diagnosis = _of_q_axis(recording, request, on)
+        else:
+            diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
     reading = ((stretches,) if stretches else (), recording.summary.remarks())
     remarks = (*chain(*reading), *diagnosis.remarks, *_aligned(diagnosis, request.align.get("u", 0.0)))
     seen = {axis: _span(recording.runs, axis) for axis in ("i_d", "i_q")}
@@ -69,6 +77,31 @@ def _aligned(diagnosis: Diagnosis, u: float) -> Iterator[str]:
             )
 
 
+def _q_only(request: Request) -> bool:
+    """Whether the q axis alone was recorded, for which nothing needs to be known of the machine."""
+    try:
+        with opened(request, q_alone=True) as reader:
+            return reader.sources.q_only
+    except (OSError, BenchError):  # whoever reads it will say what is wrong
+        return False
+
+
+def _of_q_axis(recording: Recording, request: Request, on: Callable[[float, str], None]) -> Diagnosis:
+    """What is said of the rows that a machine may make."""
+    on(0.1, "fitting")
+    screen, lags = Screen(), SpeedLags()
+    chunks = [Chunk(run, k, joined=False) for k, run in enumerate(recording.runs)]
+    kept = [*(left for chunk in chunks for left in screen.take(chunk)), *screen.finish()]
+    runs = list(joined(kept))
+    for run in runs:
+        lags.take(run)
+    lag = lags.found()
+    diagnosis = diagnose_q_log(runs, aligned_already="u" in request.align)
+    late = (said,) if lag is not None and (said := lag.sentence()) else ()
+    off = given_off(diagnosis.machine_after, request.nominal.given, request.trust)
+    return replace(diagnosis, remarks=(*screen.remarks(), *late, *diagnosis.remarks, *off))
+
+
 def _span(runs: Sequence[Samples], axis: str) -> tuple[float, float]:
     column = np.concatenate([getattr(run, axis) for run in runs])
     low, high = np.quantile(column, (_STRAY, 1.0 - _STRAY))
@@ -81,12 +114,13 @@ def _mean_u_dc(runs: Sequence[Samples]) -> float | None:
 
 
 @contextmanager
-def opened(request: Request) -> Generator[RecordingReader]:
+def opened(request: Request, *, q_alone: bool = False) -> Generator[RecordingReader]:
     """The recording that a request asks of, chunk by chunk. Raises RecordingError, also for a stream's rows."""
     nominal = request.nominal
     with open_recording(
         request.file, mapping=request.mapping, constants=request.constants, T_s=nominal.T_s, align=request.align,
         theta_step=nominal.theta_step, u_dc=nominal.u_dc, n_p=nominal.n_p,
+        q_alone=q_alone,
     ) as reader:
         check_every_period(request.file, reader.clock.periods)
         yield reader

@@ -5,17 +5,19 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
-from estimator.diagnosis.words import sentence_start
+from estimator.diagnosis.words import sentence_start, with_interval
 from estimator.interval import half_width
 from estimator.machine import UNITS
-from estimator.physics import convention_error
+from estimator.physics import convention_error, speed_lag
 from estimator.physics.library import BY_NAME
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 _UNITLESS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
-_MOST_DECIMALS = 9
 _GAIN_WORDS = "a gain of all voltages or of all currents, by which the parameters are off then"
-_UNFITTED = {convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread"}
+_UNFITTED = {
+    convention_error.NAME: convention_error.TITLE, "dc_link_gain": "a dc link that is misread",
+    speed_lag.NAME: speed_lag.TITLE,
+}
 """Titles of causes that no column stands for."""
 _LIKE_NOISE = 1.05  # times the noise floor
 _NEAR_ONE = 0.02  # of a scale, that needs no words
@@ -48,7 +50,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
                 f"one from {quantity(i.before, 'A')} to {quantity(i.after, 'A')}"
             )
     for doubt in diagnosis.ambiguous:
-        titles = [_title(name) for name in doubt.effects]
+        titles = [title_of(name) for name in doubt.effects]
         are = "are" if len(titles) > 1 or _plural(titles[0]) else "is"
         what = f"whether {' and '.join(titles)} {are} there"
         if doubt.rivals:
@@ -98,7 +100,8 @@ def compares(diagnosis: Diagnosis) -> bool:
     return u is not None and (convention_error.NAME not in named or u.before != u.after)
 
 
-def _title(name: str) -> str:
+def title_of(name: str) -> str:
+    """An effect, or a cause that no column stands for, in a sentence."""
     return BY_NAME[name].title if name in BY_NAME else _UNFITTED.get(name, name.replace("_", " "))
 
 
@@ -111,7 +114,7 @@ def _finding_in_words(finding: Finding, cause: str) -> str:
     hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
-    title = BY_NAME[finding.effect].title
+    title = title_of(finding.effect)
     text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
     if finding.effect == "voltage_delay":
         text += _delayed(finding.parameters)
@@ -149,11 +152,11 @@ def _size_in_words(name: str, told: Quantity) -> str:
 def _detectable_in_words(diagnosis: Diagnosis) -> str:
     limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit_told(diagnosis, name))}
     unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit_told(diagnosis, name) >= 1.0]
-    seen = [f"{_title(name)} from {quantity(limit.value, limit.unit)}"
+    seen = [f"{title_of(name)} from {quantity(limit.value, limit.unit)}"
             for name, limit in limits.items() if name not in unseen]  # fmt: skip
     parts = [f"it would have shown {', '.join(seen)}"] if seen else []
     if unseen:
-        parts.append(f"it would not have shown {' or '.join(map(_title, unseen))} below 100 %")
+        parts.append(f"it would not have shown {' or '.join(map(title_of, unseen))} below 100 %")
     return "; ".join(parts)
 
 
@@ -189,13 +192,3 @@ def _with_prefix(size: float, unit: str) -> tuple[float, str]:
         return 1.0, unit
     scale, prefix = next((one for one in _PREFIXES if size >= 0.9995 * one[0]), _PREFIXES[-1])
     return scale, f"{prefix}{unit}"
-
-
-def with_interval(value: float, std: float | None, digits: int = 3) -> str:
-    """A number and half its 95 % interval to two digits of that; without a standard error, to so many digits."""
-    half = half_width(std)
-    if not half or not math.isfinite(half):
-        return f"{value:.{digits}g}"
-    places = 1 - math.floor(math.log10(half))
-    decimals = min(max(places, 0), _MOST_DECIMALS)
-    return f"{value:.{decimals}f} ± {round(half, places):.{decimals}f}"

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.words import interval
+from estimator.diagnosis.words import with_interval
 from estimator.samples import Samples, turned_angle
 
 _WIDTHS: Final = (4, 16, 64, 256)  # rows of a mean
@@ -56,10 +56,10 @@ class SpeedLag:
         """What is wrong with the column; empty where nothing is. `scale`: whether a wrong one is told, too."""
         times = ""
         if scale and self.off:
-            times = f"omega_e is {interval(self.scale, self.scale_std)} times the rate of theta_e"
+            times = f"omega_e is {with_interval(self.scale, self.scale_std)} times the rate of theta_e"
         if not self.lags:
             return times and f"{times}: the speed of the angle is used"
-        way, late = "lags" if self.lag > 0.0 else "leads", interval(1e3 * abs(self.lag), 1e3 * self.lag_std)
+        way, late = "lags" if self.lag > 0.0 else "leads", with_interval(1e3 * abs(self.lag), 1e3 * self.lag_std)
         begin = f"{times}, and" if times else "omega_e"
         return f"{begin} {way} theta_e by {late} ms: the speed of the angle is used"
 
@@ -68,14 +68,14 @@ class SpeedLag:
 class SpeedLags:
     """Takes a recording's samples in their order; `found` after the last."""
 
-    _T: float = 0.0
+    _row: float = 0.0  # s
     _sums: dict[int, tuple[int, Array, Array]] = field(default_factory=dict[int, tuple[int, Array, Array]])
 
     def take(self, samples: Samples) -> None:
         """Take in a run, or a part of one."""
         if len(samples) <= 4 * _WIDTHS[0]:
             return
-        self._T = T = samples.T
+        self._row = T = samples.T
         speed = samples.omega_e
         by_angle = np.concatenate(([0.0], np.cumsum(turned_angle(samples.theta_e, speed, T))))
         by_speed = np.concatenate(([0.0], np.cumsum(0.5 * T * (speed[1:] + speed[:-1]))))
@@ -87,8 +87,8 @@ class SpeedLags:
 
     def found(self) -> SpeedLag | None:
         """The column against its angle; None where they cannot be compared."""
-        each = [(width, one) for width, sums in self._sums.items() if (one := _solved(*sums, self._T)) is not None]
-        wide = [one for width, one in each if width * self._T >= abs(one.lag)] or [one for _, one in each[-1:]]
+        each = [(width, one) for width, sums in self._sums.items() if (one := _solved(*sums, self._row)) is not None]
+        wide = [one for width, one in each if width * self._row >= abs(one.lag)] or [one for _, one in each[-1:]]
         return min(wide, key=lambda one: one.lag_std, default=None)
 
 
@@ -113,13 +113,13 @@ def _solved(count: int, once: Array, squared: Array, T: float) -> SpeedLag | Non
         return None
     m, (omega2, change2) = once[:6].reshape(2, 3), once[6:].tolist()
     normal = np.stack((m[:, 1], -m[:, 2]), axis=1)
-    if abs(float(np.linalg.det(normal))) < 1e-12 * float(np.prod(np.linalg.norm(normal, axis=1))):
+    if abs(float(np.linalg.det(normal))) < 1e-12 * math.sqrt(math.prod(np.sum(normal**2, axis=1).tolist())):
         return None
     inverse = np.linalg.inv(normal)
-    scale, lag = (inverse @ m[:, 0]).tolist()
+    scale, lag = map(float, inverse @ m[:, 0])
     score = np.kron(np.eye(2), np.array([1.0, -scale, lag]))  # of a group's products
     covariance = inverse @ (score @ squared @ score.T) @ inverse.T
-    scale_std, lag_std = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    scale_std, lag_std = map(float, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     lag_std = math.hypot(lag_std, _KNOWN * T)
     bend = math.sqrt(change2 / max(omega2, 1e-300))
     return SpeedLag(lag, lag_std, scale, scale_std, bend, T) if math.isfinite(lag_std + scale_std) else None

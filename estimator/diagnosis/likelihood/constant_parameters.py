@@ -31,7 +31,7 @@ def balance_columns(balance: Array, *, q_only: bool = False) -> Vectors:
 
 def on_q(x: Vectors) -> Vectors:
     """Without the part of the d axis."""
-    return 1j * x.imag
+    return x - x.real
 
 
 def half_turn(D: Array, *, q_only: bool = False) -> Vector:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
+from estimator.diagnosis.answer.sentences import title_of
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.problem import MACHINE, Key
@@ -18,7 +19,6 @@ from estimator.diagnosis.trust.rivals import POWER_99
 from estimator.diagnosis.verdict import Candidate, Finding, Place, Quantity, Rival
 from estimator.diagnosis.words import number, percent
 from estimator.machine import PARAMETERS, UNITS
-from estimator.physics.library import BY_NAME
 
 MOST_LOG_ODDS: Final = 300.0
 HINT: Final = math.log(20.0)  # log-odds that are worth telling, though no name follows
@@ -209,7 +209,7 @@ def alike(search: PointsSearch, choice: PointsChoice, found: Finding) -> str:
     """Why a finding and its likeliest rival are not told apart."""
     one, rival = found.effect, found.rivals[0]
     return (
-        f"{BY_NAME[one].title} and {BY_NAME[rival.effect].title} explain these points about equally well (odds "
+        f"{title_of(one)} and {title_of(rival.effect)} explain these points about equally well (odds "
         f"{odds_text(math.log(max(rival.odds, 1e-300)))}; their signals are collinear to "
         f"{abs(collinear(search, choice, one, rival.effect)):.2f} here)"
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import jsonschema
+import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
@@ -20,10 +21,11 @@ from bench.diagnoses.published import schema
 from bench.engineering import odds, quantity, words
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import Nominal, load_machine
+from bench.recordings.capture_file import write_columns
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.timing import Timing
 from emulator.scenario.effects import NONE
-from emulator.scenario.scenarios import PAPER
+from emulator.scenario.scenarios import PAPER, PAPER_RUN, Excitation
 from estimator.diagnosis.verdict import (
     Ambiguity,
     Candidate,
@@ -331,3 +333,24 @@ def test_names_are_words_and_symbols_keep_their_index() -> None:
     assert [odds(value) for value in (1.23, 250.4, 3e9, 1e40, math.inf, math.nan, None)] == [
         "1.2", "250", "3e9", "over 1e12", "over 1e12", "–", "–",
     ]  # fmt: skip
+
+
+def test_the_q_axis_alone_needs_no_machine_and_an_alignment_that_is_given_is_kept(tmp_path: Path) -> None:
+    slow = replace(
+        PAPER_RUN, excitation=Excitation(i_q_step=2.0, kind="multisine", sine_frequency=1.0),
+        run=replace(PAPER_RUN.run, speed_rpm=200.0, rise_rpm=0.0, swing_rpm=200.0, swing_frequency=0.7),
+    )
+    columns = VirtualDrive(slow).record(80_000)
+    path = tmp_path / "run.parquet"
+    names = ("t", "u_q", "i_q", "theta_e")
+    write_columns(path, {name: np.ascontiguousarray(columns[name][::10]) for name in names}, {})
+    as_it_is = diagnose_recording(Request(path, Nominal({}))).diagnosis
+    assert as_it_is.verdict is Verdict.AMBIGUOUS
+    found = diagnose_recording(Request(path, Nominal({}), align={"u": -0.45})).diagnosis
+    assert found.verdict is Verdict.NO_MISMATCH
+    R_s, psi_f = (found.machine_after[name] for name in ("R_s", "psi_f"))
+    assert R_s.value == pytest.approx(0.9664, rel=0.01)
+    assert psi_f.value == pytest.approx(0.12, rel=0.01)
+    assert (R_s.std or 1.0) < 0.02
+    off = diagnose_recording(Request(path, Nominal({"psi_f": 0.09}), align={"u": -0.45})).diagnosis
+    assert any("psi_f is 120" in remark and "the nominal machine says" in remark for remark in off.remarks)
