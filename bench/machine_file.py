@@ -33,7 +33,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, WithJs
 from bench.errors import ConfigError
 from bench.expected import Else, Table, taken
 from bench.files import read_bytes
+from bench.witness import from_table
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS, Machine
+from estimator.witness import Witness
 
 _LARGEST: Final = 2_000_000  # bytes
 _MOST: Final = 10**300  # beyond, a number is shown and taken as this
@@ -82,9 +84,10 @@ _KINDS: Final[Mapping[str, Any]] = {
     name: Annotated[dict[str, Any], Table("", _UNKNOWN, values)] for name, values in _VALUES.items()
 }
 _TABLES: Final = {name: TypeAdapter[dict[str, Any]](kind) for name, kind in _KINDS.items()}
-_ANY: Final = {name: _table(name) for name in (*_KINDS, "effects", "flux_map")}
+_ANY: Final = {name: _table(name) for name in (*_KINDS, "effects", "flux_map", "witness")}
 _WHOLE: Final = TypeAdapter(Annotated[dict[str, dict[Any, Any]], Table(
-    "", "unknown entry {key}, expected the tables [machine] and [drive], [effects.NAME] and [flux_map]", _ANY,
+    "", "unknown entry {key}, expected the tables [machine] and [drive], [effects.NAME], [flux_map] and [witness]",
+    _ANY,
 )])  # fmt: skip
 Tables = Annotated[dict[str, Any], Table("", kinds=_ANY | _KINDS)]
 """What a machine file has, as a description shows it; `nominal_of` tells more of what is wrong, by table."""
@@ -109,6 +112,7 @@ class Nominal:
     angle_ahead: float = 0.0  # rad electrical, of the recorded angle, within a count
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])  # by name, SI
     equations: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])  # by effect
+    witnesses: Mapping[str, Witness] = field(default_factory=dict[str, Witness])  # of R_s, L_d, L_q, psi_f
     source: str = field(default="", compare=False)  # the file
 
     @property
@@ -159,10 +163,11 @@ def nominal_of(content: Mapping[str, object], path: str | Path) -> Nominal:
     if "encoder_counts" in drive and "n_p" not in machine:
         raise ConfigError(f"{path}: [drive] encoder_counts needs [machine] n_p, expected both or neither")
     effects, equations = _effects(given["effects"], path) if "effects" in given else ({}, {})
+    witnesses = from_table(given.get("witness", {}), f"{path}: [witness]")
     values = machine | drive
     return Nominal(
         {name: values.pop(name) for name in PARAMETERS if name in values}, effects=effects, equations=equations,
-        source=str(path), **values,
+        witnesses=witnesses, source=str(path), **values,
     )
 
 

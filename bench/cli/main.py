@@ -47,6 +47,10 @@ Constants = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE,..."
 AsJson = Annotated[bool, Option("--json", help="as one JSON document, SI")]
 _ALIGN = "the voltage in row k was applied ROWS later"
 Align = Annotated[list[str] | None, Option(metavar="u=ROWS", help=_ALIGN)]
+Witnesses = Annotated[
+    list[str] | None,
+    Option(metavar="psi_f=2.478e-3+-1%", help="a value measured elsewhere, with its error (95 %); may be repeated"),
+]  # fmt: skip
 
 
 def _version(asked: bool) -> None:
@@ -258,6 +262,7 @@ def replay(
         Option(metavar="tuned|paper|FILE.toml", help="ekf: tuning (default: tuned); start values by --nominal"),
     ] = None,
     estimate: Annotated[str | None, Option(metavar="R_s,L_q", help="what to estimate (default: all)")] = None,
+    witness: Witnesses = None,
     every: Annotated[int | None, Option(help="rows between two lines of the CSV (default: window/10)")] = None,
     json_out: Annotated[
         Path | None, Option("--json", metavar="OUT", help="result as JSON; -: in place of the table")
@@ -269,8 +274,9 @@ def replay(
     Exit code: 0, they do; 1, they do not; 2, the file cannot be read or replayed; 3, nothing can be told.
     """
     from bench.cli.commands.files.replay import Options, run
+    from bench.witness import witnesses_of
 
-    options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate)
+    options = Options(method, window, longest, periods, forgetting_factor, ekf, estimate, witnesses_of(witness or ()))
     raise typer.Exit(run(file, nominal, mapping, constants, align, options, every, json_out, csv_out))
 
 
@@ -315,6 +321,7 @@ def diagnose(
     trust: Annotated[
         list[str] | None, Option(metavar="R_s=20%,...", help="how far off a nominal value may be (10 % each)")
     ] = None,
+    witness: Witnesses = None,
     json_out: Annotated[
         str | None,
         Option("--json", metavar="OUT", help="as JSON; of several recordings a folder, or a name with {stem}; -: "
@@ -340,9 +347,11 @@ def diagnose(
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.diagnoses.formats import checked_format
     from bench.recordings.column_options import columns_of
+    from bench.witness import witnesses_of
 
     options = Options(
         trust_of(trust or ()), *columns_of(mapping, constants, align), checked_format(kind), jobs, force, fail_on,
+        witnesses_of(witness or ()),
     )
     raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
 

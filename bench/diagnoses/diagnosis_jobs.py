@@ -261,7 +261,7 @@ class DiagnosisJobs(Jobs[Job, _Run]):
             check_every_period(Path(file.stem), _periods(file))
             known = self._nominal(file) if nominal is None else nominal_of(nominal, "nominal")
             check_whole(known)
-            return Request(file, known, checked_trust(trust), report=True)
+            return Request(file, known, checked_trust(trust), report=True, witnesses=known.witnesses)
         except (ConfigError, RecordingError) as error:
             raise LimitError(str(error)) from None
 

@@ -13,6 +13,7 @@ from bench.errors import ConfigError
 from bench.expected import Else, Table, taken
 from bench.machine_file import Nominal
 from estimator.machine import PARAMETERS, Machine
+from estimator.witness import Witness
 
 WORK: Final = "bench.diagnoses.diagnose:work"  # takes a Request and a Tell, gives a Result
 COMPILING: Final = "compiling, once"  # a phase: kernels that are not on disk yet
@@ -47,6 +48,7 @@ class Request:
     align: Mapping[str, float] = field(default_factory=dict[str, float])
     report: bool = False
     format: str = "recording"  # of `bench.diagnoses.formats`, or "auto"
+    witnesses: Mapping[str, Witness] = field(default_factory=dict[str, Witness])
 
 
 @dataclass(frozen=True, slots=True)

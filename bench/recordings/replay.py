@@ -8,10 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from bench.errors import ConfigError
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.q_axis import estimate_on_q, window_on_q
 from bench.live.window import Window
+from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
@@ -26,6 +28,7 @@ from estimator.machine import PARAMETERS
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
 from estimator.samples import Column, Samples
+from estimator.witness import Witness
 
 _NOT_EXPLAINED: Final = "the model does not explain these rows"
 _TOLERANCE: Final = dict.fromkeys(PARAMETERS, 0.1)  # of nominal values, that speak of another convention
@@ -52,12 +55,15 @@ OnEstimate = Callable[[float, WindowEstimate], None]
 def replay(
     reader: RecordingReader, window: Window, every: int = 0, on_estimate: OnEstimate | None = None,
     on_rows: Callable[[int], None] | None = None, nominal: Mapping[str, float] | None = None, n_p: int | None = None,
+    witnesses: Mapping[str, Witness] | None = None,
 ) -> Replay:
     """Stream a recording through the estimator; with `every`, report each time so many more rows have come.
 
     `on_rows` hears the number of rows done, now and then. `nominal`: values (SI) that the machine should have;
-    `n_p`: its pole pairs, where they are known.
+    `n_p`: its pole pairs, where they are known. `witnesses`: of parameters, which take part at the end.
     """
+    if witnesses and window.method != "wls":
+        raise ConfigError(f"--witness goes with --method wls, got {window.method}")
     q_only, i_d = reader.sources.q_only, reader.sources.told["i_d"] != NOT_RECORDED
     window = window_on_q(window, i_d=i_d) if q_only else window
     running, screen = method.start(window), Screen()
@@ -79,8 +85,9 @@ def replay(
                 due = every
         report()
 
-    def estimate() -> WindowEstimate:
-        return estimate_on_q(running, reader.clock.step, i_d=i_d) if q_only else method.estimate(running)
+    def estimate(by: Window = window) -> WindowEstimate:
+        one = running if by is window else replace(running, window=by)
+        return estimate_on_q(one, reader.clock.step, i_d=i_d) if q_only else method.estimate(one)
 
     def report() -> None:
         while reports and reports[0].rows <= judgement.done:
@@ -110,7 +117,7 @@ def replay(
         run(left)
     verdict = judgement.verdict()
     report()
-    result = estimate()
+    result, witnessed = with_witnesses(running, estimate, witnesses or {})
     mismatch = doubt(rows)
     changes = judgement.changes() if rests_on is None and window.method != "ekf" else {}
     result = replace(result, estimates=doubted(result, mismatch, changes))
@@ -118,6 +125,7 @@ def replay(
     remarks = (
         *reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p),
         *_sensor(fault), *(() if fault or turned.doubt() else _convention(result, verdict, nominal or {}, n_p)),
+        *witnessed,
     )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
 

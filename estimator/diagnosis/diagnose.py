@@ -16,6 +16,7 @@ from estimator.diagnosis.answer.judged import judged
 from estimator.diagnosis.answer.quality import SHORTEST, longest
 from estimator.diagnosis.answer.sentences import sentence_of
 from estimator.diagnosis.answer.statement import stated
+from estimator.diagnosis.answer.witnessed import contradicting, taken_in, tolerances
 from estimator.diagnosis.intake.answered import Answered, answer_alone, answered
 from estimator.diagnosis.intake.bad_samples import without_bad
 from estimator.diagnosis.intake.convention import Suspicion, both, of_sensor, suspected
@@ -32,6 +33,7 @@ from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS, Machine
 from estimator.samples import Samples
 from estimator.twin.model import Model
+from estimator.witness import Witness
 
 TOLERANCE: Final = 0.10  # of a data sheet's R_s, L_d, L_q, psi_f
 _FEWEST: Final = 50 * STRETCHES  # rows
@@ -47,12 +49,29 @@ def _silent(_share: float, _phase: str) -> None:
 
 
 def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, float] | None = None,
+             witnesses: Mapping[str, Witness] | None = None,
              progress: Callable[[float, str], None] = _silent) -> Diagnosis:
     """Diagnose a recording's runs. `trust`: tolerance of R_s, L_d, L_q, psi_f as a share. `progress` may raise.
 
-    Raises ValueError, in a sentence, for samples that cannot be diagnosed.
+    `witnesses` stand in for nominal values, with half a 95 % interval for the tolerance; one that the recording
+    contradicts does not. Raises ValueError, in a sentence, for samples that cannot be diagnosed.
     """
-    tolerance = {name: (trust or {}).get(name, TOLERANCE) for name in PARAMETERS}
+    used, trust, against = dict(witnesses or {}), trust or {}, list[str]()
+    while True:
+        by = replace(nominal, **{name: one.value for name, one in used.items()})
+        diagnosis = _diagnosed(runs, by, {**trust, **tolerances(used)}, progress)
+        wrong = contradicting(diagnosis.machine_after, used)
+        if not wrong:
+            break
+        against += wrong.values()
+        used = {name: one for name, one in used.items() if name not in wrong}
+    return replace(diagnosis, remarks=(*diagnosis.remarks, *against, *taken_in(used)))
+
+
+def _diagnosed(
+    runs: Sequence[Samples], nominal: Machine, trust: Mapping[str, float], progress: Callable[[float, str], None]
+) -> Diagnosis:
+    tolerance = {name: trust.get(name, TOLERANCE) for name in PARAMETERS}
     runs, left_out = without_bad(runs, nominal)
     runs, sensor, said = _with_sound_sensors(runs, nominal)
     checks = checked(runs, nominal)

@@ -1,7 +1,8 @@
 """What moteus's calibration of L_d leaves (mjbots/moteus, lib/python/moteus, `ld_saturation`): JSON of one motor.
 
 `raw` holds, per level of i_d (A), points of electrical speed `omega` (rad/s) and `y` = u_q - R i_q (V), taken without
-load; `params` the resistance R (ohm), the poles and, where it is there, the flux as `v_per_hz`. i_q is not stored.
+load; `params` the resistance R (ohm), the poles and, where it is there, the flux as `v_per_hz`, of another run: a
+witness of psi_f to 2 %, unless there is another one, and only where these points agree with it. i_q is not stored.
 """
 
 import math
@@ -21,7 +22,11 @@ from bench.machine_file import Nominal
 from estimator.diagnosis.points.diagnose import given_off
 from estimator.diagnosis.points.no_load import NoLoad
 from estimator.diagnosis.points.no_load_diagnosis import diagnose_no_load
+from estimator.interval import Z_95
 from estimator.machine import PLAUSIBLE
+from estimator.witness import Witness
+
+_OF_OWN: Final = 0.02  # half of a 95 % interval: v_per_hz is the slope of another run
 
 
 def sniff(path: Path, _mapping: Mapping[str, str]) -> bool:
@@ -43,7 +48,8 @@ def diagnose(request: Request, tell: Tell) -> Diagnosed:
     points = _points(request.file, content)
     nominal = _nominal(request.nominal, content)
     tell(0.1, "fitting")
-    diagnosis = diagnose_no_load(points)
+    witnesses = {**_own_witness(nominal, content), **request.witnesses}
+    diagnosis = diagnose_no_load(points, witnesses)
     sources = {"omega_e": "raw omega", "u_q - R i_q": "raw y", "i_d": "levels of raw", "R_s": "params R"}
     summary = summary_of(request.file, len(points.y), len(points.y), sources, 0.0)
     off = given_off(diagnosis.machine_after, nominal.given, request.trust)
@@ -86,15 +92,29 @@ def _points(path: Path, content: Mapping[str, Any]) -> NoLoad:
     return NoLoad(omega_e, y, i_d, R_s)
 
 
+def _own_witness(nominal: Nominal, content: Mapping[str, Any]) -> dict[str, Witness]:
+    """The file's own flux: the slope of another run."""
+    flux, n_p = _flux_of(content["params"]), nominal.n_p
+    if flux is None or n_p is None:
+        return {}
+    psi_f = flux / (2.0 * math.pi * n_p)  # v_per_hz: V peak per mechanical turn a second
+    return {"psi_f": Witness(psi_f, _OF_OWN * psi_f / Z_95)}
+
+
+def _flux_of(params: Mapping[str, Any]) -> float | None:
+    flux = params.get("v_per_hz")
+    return float(flux) if isinstance(flux, int | float) and 0.0 < flux < math.inf else None
+
+
 def _nominal(given: Nominal, content: Mapping[str, Any]) -> Nominal:
     """What the user says, and else what the file does."""
     params = content["params"]
     poles = params.get("poles")
     n_p = poles // 2 if isinstance(poles, int) and not isinstance(poles, bool) and 2 <= poles <= 400 else None
     known = {"R_s": float(params["R"])}
-    flux, inductance = params.get("v_per_hz"), params.get("cal_inductance_d_H")
-    if n_p is not None and isinstance(flux, int | float) and 0.0 < flux < math.inf:
-        known["psi_f"] = flux / (2.0 * math.pi * n_p)  # v_per_hz: V peak per mechanical turn a second
+    flux, inductance = _flux_of(params), params.get("cal_inductance_d_H")
+    if n_p is not None and flux is not None:
+        known["psi_f"] = flux / (2.0 * math.pi * n_p)
     if isinstance(inductance, int | float) and 0.0 < inductance < math.inf:
         known["L_d"] = float(inductance)
     return replace(given, given={**known, **given.given}, n_p=n_p if given.n_p is None else given.n_p)

@@ -86,9 +86,9 @@ def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnos
         points = points.at(np.argsort(t, kind="stable"))
     tell(0.1, "fitting")
     if "u_d" in cells:
-        diagnosis = diagnose_points(points, n_p=nominal.n_p, i_rated=nominal.i_rated)
+        diagnosis = diagnose_points(points, n_p=nominal.n_p, i_rated=nominal.i_rated, witnesses=request.witnesses)
     else:
-        diagnosis = diagnose_q_points(points, i_d="i_d" in cells)
+        diagnosis = diagnose_q_points(points, i_d="i_d" in cells, witnesses=request.witnesses)
     remarks = [*diagnosis.remarks, *given_off(diagnosis.machine_after, nominal.given, request.trust)]
     if left_out:
         remarks.insert(0, f"rows left out for want of a value: {left_out} of {rows}")

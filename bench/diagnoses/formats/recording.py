@@ -54,7 +54,7 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
         if machine is None:
             diagnosis = _of_q_axis(recording, request, on)
         else:
-            diagnosis = diagnose(recording.runs, machine, trust=request.trust, progress=on)
+            diagnosis = diagnose(recording.runs, machine, trust=request.trust, witnesses=request.witnesses, progress=on)
     reading = ((stretches,) if stretches else (), recording.summary.remarks())
     remarks = (*chain(*reading), *diagnosis.remarks, *_aligned(diagnosis, request.align.get("u", 0.0)))
     seen = {axis: _span(recording.runs, axis) for axis in ("i_d", "i_q")}
@@ -96,7 +96,7 @@ def _of_q_axis(recording: Recording, request: Request, on: Callable[[float, str]
     for run in runs:
         lags.take(run)
     lag = lags.found()
-    diagnosis = diagnose_q_log(runs, aligned_already="u" in request.align)
+    diagnosis = diagnose_q_log(runs, aligned_already="u" in request.align, witnesses=request.witnesses)
     late = (said,) if lag is not None and (said := lag.sentence()) else ()
     off = given_off(diagnosis.machine_after, request.nominal.given, request.trust)
     return replace(diagnosis, remarks=(*screen.remarks(), *late, *diagnosis.remarks, *off))

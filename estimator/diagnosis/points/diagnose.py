@@ -20,6 +20,7 @@ from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.judge import Coordinate, odds_text
 from estimator.diagnosis.points.search import PointsChoice, PointsSearch
 from estimator.diagnosis.points.table import FEWEST_POINTS, Points, steady
+from estimator.diagnosis.points.witnessed import witnessed
 from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
@@ -39,6 +40,7 @@ from estimator.diagnosis.verdict import Fit as Quality
 from estimator.diagnosis.words import number, rounded
 from estimator.machine import PARAMETERS
 from estimator.physics.library import BY_NAME
+from estimator.witness import Witness
 
 _STANDING_SPEED: Final = 1e-3  # of the largest speed
 _GROUPS: Final = 5
@@ -53,7 +55,10 @@ _POINT_I_Q: Final = (0.0, 0.2, -0.2, 0.7, -0.7)
 _RPM: Final = 30.0 / math.pi
 
 
-def diagnose_points(points: Points, *, n_p: int | None = None, i_rated: float | None = None) -> Diagnosis:
+def diagnose_points(
+    points: Points, *, n_p: int | None = None, i_rated: float | None = None,
+    witnesses: Mapping[str, Witness] | None = None,
+) -> Diagnosis:
     """Diagnose points with both voltages and both currents. `n_p`: pole pairs, for the speeds of experiments."""
     kept = steady(points)
     points, remarks = kept.points, list(kept.remarks)
@@ -75,7 +80,7 @@ def diagnose_points(points: Points, *, n_p: int | None = None, i_rated: float | 
     choice = search.chosen()
     if i_rated is None and any(name.endswith("saturation") for name in choice):
         remarks.append(f"drops of inductance are those at {number(rated)} A, the largest current among these points")
-    return _diagnosis_of_points(points, search, choice, remarks, n_p)
+    return _diagnosis_of_points(points, search, choice, remarks, n_p, witnesses or {})
 
 
 def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
@@ -86,7 +91,8 @@ def no_verdict(remarks: Sequence[str], instead: str) -> Diagnosis:
 
 
 def _diagnosis_of_points(
-    points: Points, search: PointsSearch, choice: PointsChoice, remarks: list[str], n_p: int | None
+    points: Points, search: PointsSearch, choice: PointsChoice, remarks: list[str], n_p: int | None,
+    witnesses: Mapping[str, Witness],
 ) -> Diagnosis:
     coordinates = _coordinates(points)
     before, after = search.fit(()), search.fit(choice)
@@ -95,7 +101,12 @@ def _diagnosis_of_points(
     doubted = {} if left is None else search.moves(choice, _halves(coordinates))
     gains = search.brings(choice)
     by_odds = sorted(choice, key=lambda name: -gains[name])
-    found = [judge.finding(search, choice, effect, coordinates, doubted) for effect in by_odds]
+    told = witnessed(after.doubted(doubted), witnesses)
+    found = [
+        replace(judge.finding(search, choice, effect, coordinates, {}), parameters=judge.sizes(told.fit, effect))
+        for effect in by_odds
+    ]
+    remarks += told.remarks
     doubts = [doubt for f in found if (doubt := _doubt(points, search, choice, f, n_p)) is not None]
     unsure = {doubt.effects[0] for doubt in doubts}
     findings = tuple(f for f in found if f.effect not in unsure)
@@ -105,7 +116,7 @@ def _diagnosis_of_points(
     elif hints:
         remarks.append(_hints_text(hints))
     remarks += _drifts(points, search, choice)
-    machine_before, machine_after = judge.machine(before), judge.machine(after.doubted(doubted))
+    machine_before, machine_after = judge.machine(before), judge.machine(told.fit)
     negative = [name for name, size in machine_after.items() if (size.value or 0.0) < -_SURELY * (size.std or 0.0)]
     if negative:
         return _wrong_way(negative, machine_before, remarks)

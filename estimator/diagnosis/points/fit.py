@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimator.arrays import Array
 from estimator.diagnosis.points.problem import MACHINE, Key, PointSizes, Problem, Size
 from estimator.diagnosis.points.table import Places
+from estimator.witness import Witness, updated
 
 _FIT_STEPS: Final = 40
 _STUCK, _CLOSE = 1e6, 1e-7  # damping, and gain as a share, at which a fit ends
@@ -56,6 +57,14 @@ class PointsFit:
         more = np.array([by.get(size.key, 0.0) for size in self.sizes])
         wider = np.where(std > 0.0, np.hypot(std, more) / np.where(std > 0.0, std, 1.0), 1.0)
         return replace(self, covariance=self.covariance * np.outer(wider, wider))
+
+    def witnessed(self, by: Mapping[Key, Witness]) -> "PointsFit":
+        """This fit with one more row for each witness of a size."""
+        if not by:
+            return self
+        keys = [size.key for size in self.sizes]
+        x, covariance = updated(self.x, self.covariance, [keys.index(key) for key in by], list(by.values()))
+        return replace(self, x=x, covariance=covariance)
 
     def places(self, owner: str) -> list[int]:
         """Of an owner's sizes that are no shapes."""

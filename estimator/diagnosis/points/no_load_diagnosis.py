@@ -6,6 +6,7 @@ halves their error.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -23,16 +24,18 @@ from estimator.diagnosis.points.no_load import OFFSET, NoLoad, flux_name, no_loa
 from estimator.diagnosis.points.problem import MACHINE
 from estimator.diagnosis.points.search import PointsChoice, PointsSearch
 from estimator.diagnosis.points.table import speed_groups
+from estimator.diagnosis.points.witnessed import witnessed
 from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import Ambiguity, Diagnosis, Experiment, Finding, Quantity, Scatter, Verdict
 from estimator.diagnosis.words import number
+from estimator.witness import Witness
 
 LEAST_EXPLAINED_RATIO: Final = 3.0  # times what is left, that an effect has to explain
 BLIND: Final = 0.02  # of the largest voltage, that an error of the inverter must be to be seen: nothing is judged then
 _FEWEST, _SPEEDS = 3, 3  # levels of i_d; speeds at each
 
 
-def diagnose_no_load(points: NoLoad) -> Diagnosis:
+def diagnose_no_load(points: NoLoad, witnesses: Mapping[str, Witness] | None = None) -> Diagnosis:
     """Diagnose points of one motor."""
     whole = len(points.y)
     points = _with_speeds(points)
@@ -58,9 +61,11 @@ def diagnose_no_load(points: NoLoad) -> Diagnosis:
         ),
         *(_leaning(search, name, odds, was) for name, odds in leaning.items()),
     )
-    after = search.fit(choice)
+    psi = _at_no_current(points)
+    told = witnessed(search.fit(choice), witnesses or {}, {} if psi is None else {"psi_f": psi})
+    after = told.fit
     limits = judge.detectable_at_points(search, choice)
-    remarks = [_inductance(points, after, levels), *_offset(after), *_rests_on(points, search, choice)]
+    remarks = [_inductance(points, after, levels), *_offset(after), *_rests_on(points, search, choice), *told.remarks]
     if len(points.y) < whole:
         remarks.append(f"points left out at levels with fewer than {_SPEEDS} speeds: {whole - len(points.y)}")
     instead = None

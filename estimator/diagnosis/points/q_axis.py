@@ -135,7 +135,7 @@ def q_axis_of(runs: Sequence[Samples], shift: float = 0.0) -> QAxis:
     i_d = np.divide(i_d_s, s, out=np.zeros_like(s), where=s != 0.0) if np.any(i_d_s) else None
     return QAxis(
         s, i_q, u_q, i_d, t, x, bend, means[:, 7:] if by_angle else None, widths, T,
-        min(of_slope / max(float(np.mean(x**2)), 1e-300), 1.0), by_angle,
+        min(of_slope * len(x) / max(float(x @ x), 1e-300), 1.0), by_angle,
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ from estimator.diagnosis.points.q_axis import (
 )
 from estimator.diagnosis.points.search import PointsChoice, PointsSearch
 from estimator.diagnosis.points.table import FEWEST_POINTS, Places, Points, groups_of, kin_of, steady
+from estimator.diagnosis.points.witnessed import witnessed
 from estimator.diagnosis.trust.rivals import SURE_LOG_ODDS
 from estimator.diagnosis.verdict import (
     Ambiguity,
@@ -47,6 +48,7 @@ from estimator.diagnosis.verdict import (
 from estimator.diagnosis.words import continued, listed, number
 from estimator.online.fit import I_D
 from estimator.samples import Samples
+from estimator.witness import Witness
 
 _GROUPS: Final = 8
 _WELL_TOLD: Final = 0.5  # of a value, that its standard error may be
@@ -57,12 +59,14 @@ _MATTERS: Final = 2e-3  # of the voltage, rms: less that is left does not
 _INSTEAD: Final = "record u_d and i_d too; else several speeds and currents of both signs, and steps of i_q"
 
 
-def diagnose_q_log(runs: Sequence[Samples], *, aligned_already: bool = False) -> Diagnosis:
+def diagnose_q_log(
+    runs: Sequence[Samples], *, aligned_already: bool = False, witnesses: Mapping[str, Witness] | None = None
+) -> Diagnosis:
     """Diagnose a recording's runs. Unless it is aligned already, its voltage may be that of another instant."""
     if aligned_already or sum(len(run) - 8 for run in runs if len(run) > 8) < FEWEST_POINTS:
-        return diagnose_q_axis(q_axis_of(runs))
+        return diagnose_q_axis(q_axis_of(runs), witnesses=witnesses)
     best = aligned(runs)
-    diagnosis = diagnose_q_axis(best.q, moved=best.moved)
+    diagnosis = diagnose_q_axis(best.q, moved=best.moved, witnesses=witnesses)
     if best.shift:
         way = "later" if best.shift > 0.0 else "earlier"
         said = (
@@ -83,17 +87,20 @@ def diagnose_q_log(runs: Sequence[Samples], *, aligned_already: bool = False) ->
     return diagnosis
 
 
-def diagnose_q_points(points: Points, *, i_d: bool) -> Diagnosis:
+def diagnose_q_points(
+    points: Points, *, i_d: bool, witnesses: Mapping[str, Witness] | None = None
+) -> Diagnosis:
     """Diagnose steady points, of which the d axis' voltage is not known. `i_d`: whether its current is."""
     kept = steady(points)
     points = kept.points
     q = QAxis(points.omega_e, points.i.imag, points.u.imag, points.i.real if i_d else None, points.t)
-    diagnosis = diagnose_q_axis(q, (groups_of(points), kin_of(points)) if len(q) else None)
+    diagnosis = diagnose_q_axis(q, (groups_of(points), kin_of(points)) if len(q) else None, witnesses=witnesses)
     return replace(diagnosis, remarks=(*kept.remarks, *diagnosis.remarks))
 
 
 def diagnose_q_axis(
-    q: QAxis, grouped: tuple[Places, Places] | None = None, moved: Mapping[Key, float] | None = None
+    q: QAxis, grouped: tuple[Places, Places] | None = None, moved: Mapping[Key, float] | None = None,
+    witnesses: Mapping[str, Witness] | None = None,
 ) -> Diagnosis:
     """Diagnose rows, of a log unless it is told which of them belong together: each point, and what is its kin.
 
@@ -113,15 +120,16 @@ def diagnose_q_axis(
     others = _as_good(search, choice)
     doubted = _doubted(q, search, choice, others, moved or {}, left is not None)
     gains = search.brings(choice)
+    told = witnessed(after.doubted(doubted), witnesses or {})
     found = [
-        judge.finding(search, choice, effect, coordinates, doubted)
+        replace(judge.finding(search, choice, effect, coordinates, {}), parameters=judge.sizes(told.fit, effect))
         for effect in sorted(choice, key=lambda name: -gains[name])
     ]
     doubts = [doubt for one in found if (doubt := _doubt(search, choice, one, others)) is not None]
     unsure = {doubt.effects[0] for doubt in doubts}
     findings = tuple(one for one in found if one.effect not in unsure)
-    machine_before, machine_after = judge.machine(before), judge.machine(after.doubted(doubted))
-    remarks = [_looked_for(search)]
+    machine_before, machine_after = judge.machine(before), judge.machine(told.fit)
+    remarks = [_looked_for(search), *told.remarks]
     remarks += [f"i_d is taken for zero to within {I_D:.0%} of i_q"] if q.i_d is None else []
     if (why := _no_L_q(q, machine_after)) and "L_q" in machine_after:
         del machine_after["L_q"]

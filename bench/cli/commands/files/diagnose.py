@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +22,7 @@ from bench.diagnoses.worker import Progress as Under
 from bench.engineering import odds, quantity, words
 from bench.errors import BenchError, ConfigError, shown
 from bench.machine_file import Nominal, load_machine
+from estimator.witness import Witness
 
 STEM: Final = "{stem}"
 EXPLAINED: Final = "explained"
@@ -45,6 +46,7 @@ class Options:
     jobs: int | None  # processes; None: one per core
     force: bool
     fail_on: str = FAIL_ON[0]
+    witnesses: Mapping[str, Witness] = field(default_factory=dict[str, Witness])
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,8 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
             outcomes[k] = _Outcome(None, str(error))
         else:
             requests.append(Request(
-                file, machine, options.trust, options.mapping, options.constants, options.align, wanted, options.format
+                file, machine, options.trust, options.mapping, options.constants, options.align, wanted, options.format,
+                {**machine.witnesses, **options.witnesses},
             ))  # fmt: skip
             told.append(k)
     shares, compiling = [0.0] * len(requests), False

@@ -5,7 +5,7 @@ import json
 import os
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from rich.progress import MofNCompleteColumn, TimeRemainingColumn
@@ -24,6 +24,7 @@ from bench.recordings.replay import OnEstimate, Replay, as_json, replay
 from estimator.machine import PARAMETERS
 from estimator.online.estimate import WindowEstimate
 from estimator.online.window_ls import MAX_LENGTH
+from estimator.witness import Witness
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,7 @@ class Options:
     forgetting_factor: float | None = None
     ekf: str | None = None  # preset or file
     estimate: str | None = None  # names with commas
+    witnesses: Mapping[str, Witness] = field(default_factory=dict[str, Witness])
 
     def settings(self, machine: Nominal) -> Window:
         """The settings they ask for. Raises ConfigError, LimitError."""
@@ -90,7 +92,7 @@ def run(
         n_p = held.get("n_p", machine.n_p)
         replayed = replay(
             reader, settings, hop if csv_out else 0, on_estimate, lambda done: update(completed=done), machine.given,
-            None if n_p is None else int(n_p),
+            None if n_p is None else int(n_p), {**machine.witnesses, **options.witnesses},
         )
     replayed = replace(replayed, remarks=(*replayed.remarks, *options.remarks(settings)))
     if shown:
