@@ -3,7 +3,7 @@
 Read in this order:
 
 * `errors` - what the bench itself can refuse; `expected` - what may come, and what is said of what may not
-* `machine_file` - nominal values; `engineering` - numbers for people
+* `machine_file` - nominal values; `witness` - values measured elsewhere; `engineering` - numbers for people
 * `live` - a drive's stream to estimates, and whether they may be trusted
 * `recordings` - files to samples, and the streaming core over them
 * `store` - what is kept: recordings of streams, the shelf of all recordings, the catalogue, the log of writes

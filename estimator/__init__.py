@@ -3,7 +3,7 @@
 Read in this order:
 
 * `machine` - the machine's parameters; `samples` - SI columns without gaps; `arrays` - types; `kernel` - compiling
-* `interval` - what ± means
+* `interval` - what ± means; `witness` - a value that something else has measured
 * `online` - estimates while the motor runs, with standard errors; `export_c` - the same in C, for a drive's processor
 * `mechanics` - a shaft's inertia, friction and load torque, from how it accelerates
 * `physics` - what a machine, its inverter and its sensors do beyond the textbook, one effect a file

@@ -5,6 +5,7 @@
 * `design` - which levels of speed and current would tell what is left in doubt
 * `judged` - what of a fit can be told, once what is in doubt and helps nothing is taken away
 * `statement` - that as a diagnosis; `convention_told` - beside a user's error
+* `witnessed` - values measured elsewhere, and what the recording says of them
 * `sentences` - the verdict in words; `beside` - a machine with effects beside another recording
 
 Knows nothing of how the set of effects was found.

@@ -6,7 +6,7 @@
 * `phase_sensors` - a phase current that is turned or dead, by the sum of the three
 * `data_sheet`, `drive_data` - nominal values and data of the drive that contradict the recording
 * `input_check` - columns that hold nothing, are cut off, contradict each other; `convention` - which one was followed;
-  `speed_factor` - what a speed was multiplied by, with no nominal machine
+  `speed_factor` - what a speed was multiplied by, with no nominal machine; `speed_lag` - how late it is
 * `prepared` - rows and what is given, as every fit has them
 
 Knows nothing of effects.
