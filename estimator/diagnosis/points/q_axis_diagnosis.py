@@ -47,6 +47,7 @@ from estimator.diagnosis.verdict import (
 )
 from estimator.diagnosis.words import continued, listed, number
 from estimator.online.fit import I_D
+from estimator.physics.library import BY_NAME
 from estimator.samples import Samples
 from estimator.witness import Witness
 
@@ -54,6 +55,8 @@ _GROUPS: Final = 8
 _WELL_TOLD: Final = 0.5  # of a value, that its standard error may be
 _NOISY: Final = 0.1  # of the slope's energy, that noise may be where L_q is told
 _LONG: Final = 0.5  # of L_q/R_s, that a row may take where L_q is told
+_OFFSET: Final = "voltage_offset"
+_FORM: Final = 1.5  # times the share of its energy, rms, that an effect's equation may miss
 _SEEN: Final = 2.0  # times what an i_d that is missed may make, rms, from which an effect is named
 _MATTERS: Final = 2e-3  # of the voltage, rms: less that is left does not
 _INSTEAD: Final = "record u_d and i_d too; else several speeds and currents of both signs, and steps of i_q"
@@ -210,7 +213,10 @@ def _looked_for(search: PointsSearch) -> str:
 def _doubt(
     search: PointsSearch, choice: PointsChoice, found: Finding, others: Sequence[PointsChoice]
 ) -> Ambiguity | None:
-    """The effect and a rival that these rows do not tell apart."""
+    """The effect and a rival that these rows do not tell apart. A constant may be anything."""
+    if found.effect == _OFFSET:
+        why = "a constant of u_q may be an offset, or what rows of an instant leave of fast changes"
+        return Ambiguity((_OFFSET,), why, Experiment(_INSTEAD), rivals=False)
     if found.rivals and found.rivals[0].odds < math.exp(SURE_LOG_ODDS):
         rival = found.rivals[0].effect
         return Ambiguity((found.effect, rival), judge.alike(search, choice, found), Experiment(_INSTEAD))
@@ -241,9 +247,11 @@ def _doubted(
 ) -> dict[Key, float]:  # fmt: skip
     """Standard errors besides the fit's, SI."""
     fit = search.fit(choice)
-    parts: list[Mapping[Key, float]] = [_missed_current(q, fit), moved]
-    parts += [search.moves(choice, _halves(q))] if left else []
+    parts: list[Mapping[Key, float]] = [_missed_current(q, fit), moved, _missed_by_equations(fit)]
+    parts += [search.moves(choice, _halves(q))] if left or choice else []
     at = fit.values
+    if _OFFSET in choice:
+        others = [*others, tuple(name for name in choice if name != _OFFSET)]
     for other in others:
         parts.append({key: abs(value - at[key]) for key, value in search.fit(other).values.items()
                       if key in at and key[0] == MACHINE})  # fmt: skip
@@ -251,6 +259,21 @@ def _doubted(
     for key in at:
         own = [part.get(key, 0.0) for part in parts]
         found[key] = math.hypot(own[0], max(own[1:], default=0.0))
+    return found
+
+
+def _missed_by_equations(fit: PointsFit) -> dict[Key, float]:
+    """What the effects' equations miss of real ones may do to other sizes: they trade along the fit's covariance."""
+    keys = [size.key for size in fit.sizes]
+    found = dict.fromkeys(keys, 0.0)
+    for name in fit.choice:
+        if name not in BY_NAME:
+            continue
+        for k in fit.places(name):
+            off = _FORM * math.sqrt(BY_NAME[name].discrepancy) * float(fit.x[k])
+            if fit.covariance[k, k] > 0.0:
+                trades = fit.covariance[:, k] / fit.covariance[k, k] * off
+                found = {key: math.hypot(found[key], float(by)) for key, by in zip(keys, trades, strict=True)}
     return found
 
 
