@@ -105,10 +105,7 @@ def replay(
     for chunk in reader:
         turned.take(chunk.samples)
         warmth.take(chunk)
-        if set(PHASES) <= chunk.beside.keys():
-            rows_of = chunk.samples
-            phases = [chunk.beside[name] for name in PHASES]
-            sensors.take(phases, rows_of.i_d + 1j * rows_of.i_q, rows_of.theta_e)
+        _take_phases(sensors, chunk)
         if on_rows is not None:
             on_rows(reader.summary.rows)
         for left in screen.take(chunk):
@@ -128,6 +125,13 @@ def replay(
         *witnessed,
     )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
+
+
+def _take_phases(sensors: PhaseSums, chunk: Chunk) -> None:
+    """Of a recording that has the phase currents."""
+    if set(PHASES) <= chunk.beside.keys():
+        rows = chunk.samples
+        sensors.take([chunk.beside[name] for name in PHASES], rows.i_d + 1j * rows.i_q, rows.theta_e)
 
 
 @dataclass(frozen=True, slots=True)

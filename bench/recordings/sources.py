@@ -251,12 +251,10 @@ def find_sources(
     if missing:
         raise RecordingError(_missing(path, header, missing, made))
     wanted += [name for name in ("theta_e", "periods") if found.is_there(name)]
-    if optional:
-        wanted += ["u_dc"] if found.is_there("u_dc") else []
-    if optional or phases:
-        wanted += PHASES if all(map(found.is_there, PHASES)) else ()
-    if temperatures:
-        wanted += [name for name in TEMPERATURES if found.is_there(name)]
+    beside = (*(("u_dc",) * optional), *(TEMPERATURES if temperatures else ()))
+    wanted += [name for name in beside if found.is_there(name)]
+    if (optional or phases) and all(map(found.is_there, PHASES)):
+        wanted += PHASES
     wanted = [name for name in wanted if name not in made]
     if frame is not None:
         frame = replace(frame, keep=("t", *wanted, *made))

@@ -285,8 +285,7 @@ def simulated(
             write_row(row, T_s, ticks, rows, complete)
             complete += 1
         if len(recording) > 0:
-            omega_e = firmware.omega_e if bench.tells_filtered else period.turn / T_s
-            _write_line(recording[n], t, omega_e, period, before)
+            _write_line(recording[n], t, firmware.omega_e if bench.tells_filtered else turn / T_s, period, before)
         tick += 1
     after = State(
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,

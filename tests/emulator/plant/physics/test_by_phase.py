@@ -47,21 +47,27 @@ def test_unequal_resistances_drop_their_voltage_in_their_own_phase() -> None:
     assert effect.voltage(rows, SIZES) == pytest.approx(expected, abs=1e-12)
 
 
-def test_errors_of_current_sensors_are_in_their_own_phase() -> None:
+@pytest.mark.parametrize("left", ["", "a", "b", "c"])
+def test_errors_of_current_sensors_are_in_their_own_phase(left: str) -> None:
+    """`left`: the phase that is not measured, but what the others leave."""
     rows = turning()
-    true = [(rows.i_s * axis.conjugate()).real for axis in AXES]
-    for name in ("current_sensor_gain", "current_sensor_offset"):
+    true = dict(zip("abc", [(rows.i_s * axis.conjugate()).real for axis in AXES], strict=True))
+    for name in ("current_sensor_gain", "current_sensor_offset")[: 1 if left else 2]:
         effect = BY_NAME[name]
         assert isinstance(effect, CurrentError)
-        sizes = told(effect, rows)
-        if name == "current_sensor_gain":
-            measured = [gain * i for gain, i in zip(sizes, true, strict=True)]
-        else:
-            measured = [i + offset for i, offset in zip(true, sizes, strict=True)]
-        i_s = vector(measured)
+        assert effect.told is not None
+        sizes = (*SIZES, float(" abc".index(left or " "))) if name == "current_sensor_gain" else SIZES
+        measured = dict(true)
+        for channel, (size, _) in effect.told(rows, sizes).items():
+            i = true[channel[-1]]
+            measured[channel[-1]] = size * i if name == "current_sensor_gain" else i + size
+        if left:
+            assert len(effect.told(rows, sizes)) == 2
+            measured[left] = -sum(i for phase, i in measured.items() if phase != left)
+        i_s = vector([measured[phase] for phase in "abc"])
         seen = Samples(
             rows.theta_e, np.full(len(rows) + 1, 600.0), (i_s * rows.rotor.conj()).real, (i_s * rows.rotor.conj()).imag,
             np.append(rows.u.real, 0.0), np.append(rows.u.imag, 0.0), T_S,
         )  # fmt: skip
-        error = effect.error(rows_of([seen], MACHINE, 6.0), SIZES)
+        error = effect.error(rows_of([seen], MACHINE, 6.0), sizes)
         assert error == pytest.approx(i_s - rows.i_s, abs=1e-9), name

@@ -198,7 +198,7 @@ def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
         (
             "drive]\nsub_steps = 1\n[effects.turn_short]\nshare = 0.1",
-            "effects.turn_short takes integration steps of at most 5e-05 s, by drive.sub_steps, got 0.0001 s",
+            "effects.turn_short takes integration steps of at most 3e-05 s, by drive.sub_steps, got 0.0001 s",
         ),
         (
             "effects.iron_loss]\nR_c = 0.01",
