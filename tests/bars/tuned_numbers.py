@@ -57,7 +57,7 @@ def main() -> None:
             room[inside[0] if len(inside) > 1 else "."] += n
     constants, named, elsewhere = rooms
     print(f"{'':14} constants  numbers in them  elsewhere")
-    for room in sorted(set().union(*rooms)):
+    for room in sorted({room for counts in rooms for room in counts}):
         print(f"{room:14} {constants[room]:9}  {named[room]:15}  {elsewhere[room]:9}")
     sums = [sum(room.values()) for room in rooms]
     print(f"{'all':14} {sums[0]:9}  {sums[1]:15}  {sums[2]:9}   {sums[1] + sums[2]} numbers")

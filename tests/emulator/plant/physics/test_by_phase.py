@@ -63,7 +63,8 @@ def test_errors_of_current_sensors_are_in_their_own_phase(left: str) -> None:
             measured[channel[-1]] = size * i if name == "current_sensor_gain" else i + size
         if left:
             assert len(effect.told(rows, sizes)) == 2
-            measured[left] = -sum(i for phase, i in measured.items() if phase != left)
+            one, other = (i for phase, i in measured.items() if phase != left)
+            measured[left] = -one - other
         i_s = vector([measured[phase] for phase in "abc"])
         seen = Samples(
             rows.theta_e, np.full(len(rows) + 1, 600.0), (i_s * rows.rotor.conj()).real, (i_s * rows.rotor.conj()).imag,
