@@ -189,8 +189,10 @@ class _Design:
         return chosen
 
     def satisfied(self, chosen: Sequence[int]) -> bool:
-        """The parameters are told well, and the pair is told apart."""
-        return min(self._asked(self._search(chosen))) > 1.0 - 1e-6
+        """The parameters are told well, the pair is told apart, and so is the first of it from any other rival."""
+        odds = self.odds(chosen)
+        sure = odds is None or odds >= math.exp(SURE_LOG_ODDS)
+        return sure and min(self._asked(self._search(chosen))) > 1.0 - 1e-6
 
     def odds(self, chosen: Sequence[int]) -> float | None:
         """Odds against the likeliest rival to be expected; None where nothing is to be told apart."""

@@ -50,14 +50,24 @@ def check_within_limits(told: Experiment, fastest_rpm: float, u_most: float) -> 
 
 
 def test_two_effects_at_one_level_are_told_by_other_levels_at_the_same_speed() -> None:
-    told = experiment(rows_at(), Model(NOMINAL, {"angle_offset": (0.01,)}), NOISE, NOMINAL, TOLERANCE, PAIR)
+    pair = ("voltage_offset", "iron_loss")
+    told = experiment(rows_at(), Model(NOMINAL, {"voltage_offset": (0.1, 0.1)}), NOISE, NOMINAL, TOLERANCE, pair)
     check_within_limits(told, 1200.0, U_DC / math.sqrt(3.0))
     assert told.speeds_rpm == (1200.0,)
     assert len(told.i_d) + len(told.i_q) > 2
     assert told.odds is not None
     assert told.odds >= 1e6
-    for said in ("level", "at the same speed", "would tell an offset of the angle from iron loss (expected odds"):
+    for said in ("level", "at the same speed", "(expected odds"):
         assert said in told.sentence
+
+
+def test_an_offset_of_the_angle_asks_for_another_speed_as_a_latency_looks_like_it_at_one() -> None:
+    told = experiment(rows_at(), Model(NOMINAL, {"angle_offset": (0.01,)}), NOISE, NOMINAL, TOLERANCE, PAIR)
+    check_within_limits(told, 1200.0, U_DC / math.sqrt(3.0))
+    assert len(told.speeds_rpm) > 1
+    assert told.odds is not None
+    assert told.odds >= 1e6
+    assert "would tell an offset of the angle from iron loss (expected odds" in told.sentence
 
 
 def test_a_rung_follows_the_periods_of_a_level() -> None:
