@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, TypeVar, cast, get_args
 from pydantic import ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
 
-from bench.errors import BenchError, shown
+from bench.errors import BenchError, ConfigError, shown
 
 T = TypeVar("T")
 CLOSED: Final = ConfigDict(extra="forbid")
@@ -52,6 +52,19 @@ def told(clause: str, came: str | None = None, *, above: bool = False, beside: s
     """
     context: dict[str, Any] = {"clause": clause, "above": above, "beside": beside}
     return PydanticCustomError(_TOLD, "not as expected", context if came is None else context | {"came": came})
+
+
+def by_name(items: Sequence[str], where: str) -> dict[str, str]:
+    """`NAME=TEXT` each, or several with commas. Raises ConfigError where a name is given twice."""
+    found: dict[str, str] = {}
+    for item in ",".join(items).split(","):
+        if not item.strip():
+            continue
+        name, _, text = (part.strip() for part in item.partition("="))
+        if name in found:
+            raise ConfigError(f"{where}: {name} is given twice")
+        found[name] = text
+    return found
 
 
 def _named(key: str) -> str:

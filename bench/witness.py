@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from bench.errors import ConfigError, shown
-from estimator.diagnosis.answer.sentences import quantity
+from bench.expected import by_name
 from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.witness import Witness
@@ -22,15 +22,7 @@ _EXPECTED: Final = "expected a value and its error, such as psi_f=2.478e-3+-1% o
 
 def witnesses_of(items: Sequence[str], where: str = "--witness") -> dict[str, Witness]:
     """Of `NAME=VALUE+-ERROR` each, or several with commas. Raises ConfigError."""
-    found: dict[str, Witness] = {}
-    for item in ",".join(items).split(","):
-        if not item.strip():
-            continue
-        name, _, text = (part.strip() for part in item.partition("="))
-        if name in found:
-            raise ConfigError(f"{where}: {name} is given twice")
-        found[name] = witness_of(name, text, where)
-    return found
+    return {name: witness_of(name, text, where) for name, text in by_name(items, where).items()}
 
 
 def from_table(table: Mapping[object, object], where: str) -> dict[str, Witness]:
@@ -58,11 +50,6 @@ def witness_of(name: str, text: str, where: str) -> Witness:
     if not 0.0 < half < math.inf:
         raise ConfigError(f"{where}: {name}: expected an error above zero, got {error}{of}")
     return Witness(value, half / Z_95)
-
-
-def said(name: str, witness: Witness) -> str:
-    """In words."""
-    return f"{name} = {quantity(witness.value, UNITS[name], witness.std)}"
 
 
 def _unit(name: str, unit: str, where: str) -> float:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Protocol
 from pydantic import Field, TypeAdapter
 
 from bench.errors import ConfigError
-from bench.expected import Else, Table, taken
+from bench.expected import Else, Table, by_name, taken
 from bench.machine_file import Nominal
 from estimator.machine import PARAMETERS, Machine
 from estimator.witness import Witness
@@ -78,15 +78,7 @@ def json_text(content: Mapping[str, Any]) -> str:
 
 def trust_of(items: Sequence[str]) -> dict[str, float]:
     """`R_s=20%,L_d=0.1` as shares. Raises ConfigError."""
-    shares: dict[str, object] = {}
-    for item in ",".join(items).split(","):
-        if not item.strip():
-            continue
-        name, _, text = (part.strip() for part in item.partition("="))
-        if name in shares:
-            raise ConfigError(f"trust: {name} is given twice")
-        shares[name] = _share(name, text)
-    return checked_trust(shares)
+    return checked_trust({name: _share(name, text) for name, text in by_name(items, "trust").items()})
 
 
 def checked_trust(given: Mapping[str, object]) -> dict[str, float]:

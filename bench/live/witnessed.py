@@ -12,9 +12,8 @@ import numpy as np
 
 from bench.live.method import Running
 from bench.live.window import Window
-from bench.witness import said
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity
+from estimator.diagnosis.answer.sentences import quantity, said_of_witness
 from estimator.diagnosis.words import number
 from estimator.machine import PARAMETERS
 from estimator.online import window_ls
@@ -34,7 +33,7 @@ def with_witnesses(
     untold = {name: one for name, one in asked.items() if found.estimates[name].status is Status.NOT_TOLD}
     if untold and set(window.estimated) - set(untold):
         found = _held(window, estimated, untold)
-        remarks += [f"the recording does not tell {said(name, one)}: the witness stands for it"
+        remarks += [f"the recording does not tell {said_of_witness(name, one)}: the witness stands for it"
                     for name, one in untold.items()]  # fmt: skip
     told = {name: e for name, e in found.estimates.items() if _known(e) and name in window.estimated}
     used: dict[str, Witness] = {}
@@ -45,11 +44,11 @@ def with_witnesses(
         alone = f"the recording alone says {quantity(e.value, e.unit, e.std)}"
         apart = one.apart(e.value or 0.0, e.std or 0.0)
         if apart > CONTRADICTS:
-            remarks.append(f"the witness {said(name, one)} contradicts the recording by {number(apart)} joint standard "
-                           f"errors and is not used: {alone}")  # fmt: skip
+            remarks.append(f"the witness {said_of_witness(name, one)} contradicts the recording by {number(apart)} "
+                           f"joint standard errors and is not used: {alone}")  # fmt: skip
         else:
             used[name] = one
-            remarks.append(f"the witness {said(name, one)} is one more row: {alone}")
+            remarks.append(f"the witness {said_of_witness(name, one)} is one more row: {alone}")
     if not used:
         return found, tuple(remarks)
     return replace(found, estimates={**found.estimates, **_updated(running, told, used)}), tuple(remarks)

@@ -22,7 +22,7 @@ from bench.errors import BenchError, ConflictError, LimitError, UnavailableError
 from bench.parameters.journal import CUT, Begun, Journal, Step, done, past
 from bench.parameters.parameter_set import FLASHED, LONGEST_NAME, ParameterSet, problem_of, set_of
 from bench.parameters.plan import Judge, Plan, different, plan
-from bench.parameters.versions import remarks_on
+from bench.parameters.versions import remarks_on, some_of
 from drivers import operation
 from drivers.drive import Drive, Identity
 from drivers.errors import DriveError, FrameError, LostError, NoReplyError
@@ -34,7 +34,6 @@ from drivers.wire.memory import MemoryState
 PATIENCE: Final = 30.0  # s in which a drive is to be there again, to be rolled back
 _RETRY: Final = 0.1  # s
 _YIELDED: Final = 0.3  # s without control, for who has ended it by a stop to see that it has
-_NAMED: Final = 5  # of what is different
 _UNREASONED: Final = "expected a reason why these are flashed all the same, got none"
 _NAMES: Final = frozenset(signal.name for signal in FLASHED)
 
@@ -311,9 +310,8 @@ def _check_same(wanted: Mapping[str, float], found: Mapping[str, float], when: s
     names = different(wanted, found)
     if not names:
         return
-    told = ", ".join(f"{name} = {found.get(name)!r} (wanted {wanted[name]!r})" for name in names[:_NAMED])
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    raise DifferentError(f"the drive has other values {when}: {told}{more}")
+    told = some_of([f"{name} = {found.get(name)!r} (wanted {wanted[name]!r})" for name in names])
+    raise DifferentError(f"the drive has other values {when}: {told}")
 
 
 def _memory_state(drive: Drive) -> MemoryState:

@@ -27,7 +27,7 @@ def _changed_since(present: Mapping[str, float], flashed: Sequence[Past]) -> tup
     if not names:
         return ()
     said = f"the drive does not hold any more what the flash of {begun.since[:19]}Z left in it"
-    return (f"{said}: {_some(names)}",)
+    return (f"{said}: {some_of(names)}",)
 
 
 def _on_version(given: ParameterSet, flashed: Sequence[Past]) -> tuple[str, ...]:
@@ -44,9 +44,10 @@ def _on_version(given: ParameterSet, flashed: Sequence[Past]) -> tuple[str, ...]
     names = different(given.values, latest.wanted)
     if not names:
         return ()
-    return (f"version {version} of {given.name!r} was flashed with other values on {since}Z: {_some(names)}",)
+    return (f"version {version} of {given.name!r} was flashed with other values on {since}Z: {some_of(names)}",)
 
 
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{', '.join(names[:_NAMED])}{more}"
+def some_of(said: Sequence[str]) -> str:
+    """The first few of what is different, and how many more there are."""
+    more = f" and {len(said) - _NAMED} more" if len(said) > _NAMED else ""
+    return f"{', '.join(said[:_NAMED])}{more}"

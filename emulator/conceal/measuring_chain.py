@@ -51,10 +51,14 @@ def _signals(x: float, _on: Setting, chance: Chance) -> Sections:
     return {"angle_signal": {"gain": 2.0 * x * math.cos(direction), "quadrature": 2.0 * x * math.sin(direction)}}
 
 
-def _leg_voltages(x: float, on: Setting, chance: Chance) -> Sections:
-    direction = chance.angle()
+def stray_along(direction: float, amplitude: float, frequency: float) -> Sections:
+    """A voltage (V) of a frequency (Hz) along a direction (rad) of the stationary frame."""
     along = {"along_alpha": math.cos(direction), "along_beta": math.sin(direction)}
-    return {"stray": {"amplitude": x * on.u_dc, "frequency": 0.0, **along}}
+    return {"stray": {"amplitude": amplitude, "frequency": frequency, **along}}
+
+
+def _leg_voltages(x: float, on: Setting, chance: Chance) -> Sections:
+    return stray_along(chance.angle(), x * on.u_dc, 0.0)
 
 
 CHAIN: Final[Mapping[str, Population]] = {

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from emulator.conceal.chance import Chance
-from emulator.conceal.measuring_chain import CHAIN
+from emulator.conceal.measuring_chain import CHAIN, stray_along
 from emulator.conceal.population import Population, Sections, Setting
 from emulator.plant.machine import Machine
 from emulator.plant.physics.saturation import Saturation, saturation_curve
@@ -165,13 +165,7 @@ def _dc_link_gain(x: float, _on: Setting, chance: Chance) -> Sections:
 
 
 def _stray_voltage(x: float, on: Setting, chance: Chance) -> Sections:
-    direction = chance.angle()
-    return {
-        "stray": {
-            "amplitude": x * on.u_dc, "frequency": chance.log_uniform(10.0, 1000.0),
-            "along_alpha": math.cos(direction), "along_beta": math.sin(direction),
-        }
-    }  # fmt: skip
+    return stray_along(chance.angle(), x * on.u_dc, chance.log_uniform(10.0, 1000.0))
 
 
 def _telegraph(x: float, on: Setting, chance: Chance) -> Sections:

@@ -14,12 +14,10 @@ it is off, epsilon. R. Hoseinnezhad, "Position sensing in brake-by-wire calliper
 Vehicular Technology 55(3), 2006, doi 10.1109/TVT.2006.874576.
 """
 
-import math
-
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.angle_sensing import AngleError
+from estimator.physics.angle_sensing import ORDERS, AngleError, told_orders
 from estimator.physics.effect import DEGREE, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
 
@@ -44,24 +42,16 @@ def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     return off
 
 
-def _told_sizes(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
-    once_cos, once_sin, twice_cos, twice_sin = sizes
-    return {
-        "once": (math.hypot(once_cos, once_sin), "rad"), "once_phase": (math.atan2(once_cos, once_sin), "rad"),
-        "twice": (math.hypot(twice_cos, twice_sin), "rad"), "twice_phase": (math.atan2(twice_cos, twice_sin), "rad"),
-    }  # fmt: skip
-
-
 _ANGLE = constant(2.0 * DEGREE), constant(-0.3), constant(0.3)
 
 EFFECT = AngleError(
     "angle_sensor_error", "errors of the angle sensor's signals",
-    tuple(Parameter(name, "rad", *_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
+    tuple(Parameter(name, "rad", *_ANGLE) for name in ORDERS),
     no_shapes,
     "u_d and speed that swing once or twice an electrical turn",
     ("current_sensor_offset", "current_sensor_gain", "encoder_eccentricity"),
     error=error,
     error_as_measured=error_as_measured,
-    told=_told_sizes,
+    told=told_orders,
     discrepancy=1e-4,
 )

@@ -6,12 +6,10 @@
 Plain geometry; the order tells the cause: once an offset of the centre, twice a tilted or oval disc.
 """
 
-import math
-
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.angle_sensing import AngleError
+from estimator.physics.angle_sensing import ORDERS, AngleError, told_orders
 from estimator.physics.effect import DEGREE, Parameter, Sizes, constant, no_shapes
 from estimator.physics.rows import Rows
 
@@ -35,24 +33,16 @@ def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     return off
 
 
-def _told_sizes(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
-    once_cos, once_sin, twice_cos, twice_sin = sizes
-    return {
-        "once": (math.hypot(once_cos, once_sin), "rad"), "once_phase": (math.atan2(once_cos, once_sin), "rad"),
-        "twice": (math.hypot(twice_cos, twice_sin), "rad"), "twice_phase": (math.atan2(twice_cos, twice_sin), "rad"),
-    }  # fmt: skip
-
-
 _ONCE_ANGLE = constant(2.0 * DEGREE), constant(-0.6), constant(0.6)
 
 EFFECT = AngleError(
     "encoder_eccentricity", "an eccentric encoder",
-    tuple(Parameter(name, "rad", *_ONCE_ANGLE) for name in ("once_cos", "once_sin", "twice_cos", "twice_sin")),
+    tuple(Parameter(name, "rad", *_ONCE_ANGLE) for name in ORDERS),
     no_shapes,
     "u_d and speed that swing once or twice a mechanical turn",
     ("magnet_flux_drift",),
     error=error,
     error_as_measured=error_as_measured,
-    told=_told_sizes,
+    told=told_orders,
     discrepancy=1e-5,
 )

@@ -10,6 +10,7 @@ from estimator.interval import half_width
 from estimator.machine import UNITS
 from estimator.physics import convention_error, speed_lag
 from estimator.physics.library import BY_NAME
+from estimator.witness import Witness
 
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 _UNITLESS = ("periods", "phase", "pole_pairs", "u_shift", "theta_shift", "u_mirrored", "i_mirrored")  # without a unit
@@ -174,6 +175,11 @@ def _left_open(diagnosis: Diagnosis) -> str:
 def _limit_told(diagnosis: Diagnosis, name: str) -> float:
     value = diagnosis.detectable[name].value if name in diagnosis.detectable else None
     return math.inf if value is None else value
+
+
+def said_of_witness(name: str, witness: Witness) -> str:
+    """What was measured, of a parameter."""
+    return f"{name} = {quantity(witness.value, UNITS[name], witness.std)}"
 
 
 def quantity(value: float | None, unit: str, std: float | None = None) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from estimator.diagnosis.answer.sentences import quantity
+from estimator.diagnosis.answer.sentences import quantity, said_of_witness
 from estimator.diagnosis.verdict import Quantity
 from estimator.diagnosis.words import number
 from estimator.interval import Z_95
@@ -32,16 +32,13 @@ def contradicting(machine: Mapping[str, Quantity], witnesses: Mapping[str, Witne
         alone, std = (size.value / size.std**2 - one.value / prior**2) / weight, weight**-0.5
         if (apart := one.apart(alone, std)) > CONTRADICTS:
             found[name] = (
-                f"the witness {_said(name, one)} contradicts the recording by {number(apart)} joint standard errors "
-                f"and is not used: the recording alone says {quantity(alone, UNITS[name], std)}"
+                f"the witness {said_of_witness(name, one)} contradicts the recording by {number(apart)} joint "
+                f"standard errors and is not used: the recording alone says {quantity(alone, UNITS[name], std)}"
             )
     return found
 
 
 def taken_in(witnesses: Mapping[str, Witness]) -> list[str]:
     """What is said of the others."""
-    return [f"the witness {_said(name, one)} stands in for the nominal value" for name, one in witnesses.items()]
-
-
-def _said(name: str, one: Witness) -> str:
-    return f"{name} = {quantity(one.value, UNITS[name], one.std)}"
+    said = [said_of_witness(name, one) for name, one in witnesses.items()]
+    return [f"the witness {one} stands in for the nominal value" for one in said]

@@ -22,7 +22,7 @@ from estimator.diagnosis.likelihood.whitening import whiten_into
 from estimator.machine import PARAMETERS
 from estimator.physics.angle_sensing import AngleError, voltage_of_angle_error
 from estimator.physics.current_sensing import CurrentError
-from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, ResistanceChange, SensorError
+from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, ResistanceChange, SensorError, Sizes
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows
@@ -272,14 +272,14 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
         h = parameter.typical(rows)
         return _Step(effect, _in_order(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
-    if isinstance(effect, SensorError) and not _changes(effect):  # rows are rid of it already
+    if isinstance(effect, SensorError) and _change_of(effect) is None:  # rows are rid of it already
         at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
     h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
 
 
-def _changes(effect: Effect) -> bool:
-    return isinstance(effect, AngleError) and effect.change is not None
+def _change_of(effect: Effect) -> Callable[[Rows, Sizes, Sizes], Array] | None:
+    return effect.change if isinstance(effect, AngleError) else None
 
 
 def _fill(
@@ -307,8 +307,8 @@ def _fill(
             np.subtract(voltage_together(rows, shared | {effect.name: step.to}), together, out=v[j])
         elif step.since is None:
             v[j] = effect.voltage(rows, step.to)
-        elif isinstance(effect, AngleError) and effect.change is not None:
-            v[j] = voltage_of_angle_error(rows, effect.change(rows, step.to, step.since))
+        elif (change := _change_of(effect)) is not None:
+            v[j] = voltage_of_angle_error(rows, change(rows, step.to, step.since))
         else:
             if effect.name not in present:
                 present[effect.name] = voltage_as_present(rows, effect, step.since)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from estimator.diagnosis.answer.sentences import quantity
+from estimator.diagnosis.answer.sentences import quantity, said_of_witness
 from estimator.diagnosis.points.fit import PointsFit
 from estimator.diagnosis.points.problem import MACHINE, Key
 from estimator.diagnosis.words import number
@@ -24,7 +24,7 @@ def witnessed(fit: PointsFit, witnesses: Mapping[str, Witness], names: Mapping[s
     used: dict[Key, Witness] = {}
     remarks: list[str] = []
     for name, one in witnesses.items():
-        key, told = (MACHINE, (names or {}).get(name, name)), f"{name} = {quantity(one.value, UNITS[name], one.std)}"
+        key, told = (MACHINE, (names or {}).get(name, name)), said_of_witness(name, one)
         if key not in keys:
             remarks.append(f"the witness {told} has no part in this: {name} is not asked for")
             continue
