@@ -7,12 +7,12 @@ files and reports.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from estimator.diagnosis.answer.convention_told import taken_back, with_convention
 from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.held_out import odd_stretches
-from estimator.diagnosis.answer.judged import judged
+from estimator.diagnosis.answer.judged import Judged, judged
 from estimator.diagnosis.answer.quality import SHORTEST, longest
 from estimator.diagnosis.answer.sentences import sentence_of
 from estimator.diagnosis.answer.statement import stated
@@ -26,6 +26,7 @@ from estimator.diagnosis.intake.input_check import checked
 from estimator.diagnosis.intake.phase_sensors import sensor_fault, without_fault
 from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.likelihood.columns import STRETCHES
+from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
 from estimator.diagnosis.search.fitting import at_nominal
 from estimator.diagnosis.search.stages import explained
@@ -44,6 +45,14 @@ _MAPPED: Final = (
 )
 
 
+class Examined(NamedTuple):
+    """A diagnosis, and what it was found by; that is None where nothing was fitted."""
+
+    diagnosis: Diagnosis
+    given: Given | None = None
+    judged: Judged | None = None
+
+
 def _silent(_share: float, _phase: str) -> None:
     return
 
@@ -56,21 +65,30 @@ def diagnose(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
     `witnesses` stand in for nominal values, with half a 95 % interval for the tolerance; one that the recording
     contradicts does not. Raises ValueError, in a sentence, for samples that cannot be diagnosed.
     """
+    return examined(runs, nominal, trust=trust, witnesses=witnesses, progress=progress).diagnosis
+
+
+def examined(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, float] | None = None,
+             witnesses: Mapping[str, Witness] | None = None,
+             progress: Callable[[float, str], None] = _silent, as_recorded: bool = False) -> Examined:
+    """As `diagnose`, with the fit that the diagnosis was found by. `as_recorded`: whatever convention is suspected."""
     used, trust, against = dict(witnesses or {}), trust or {}, list[str]()
     while True:
         by = replace(nominal, **{name: one.value for name, one in used.items()})
-        diagnosis = _diagnosed(runs, by, {**trust, **tolerances(used)}, progress)
-        wrong = contradicting(diagnosis.machine_after, used)
+        found = _examined(runs, by, {**trust, **tolerances(used)}, progress, as_recorded)
+        wrong = contradicting(found.diagnosis.machine_after, used)
         if not wrong:
             break
         against += wrong.values()
         used = {name: one for name, one in used.items() if name not in wrong}
-    return replace(diagnosis, remarks=(*diagnosis.remarks, *against, *taken_in(used)))
+    said = found.diagnosis
+    return found._replace(diagnosis=replace(said, remarks=(*said.remarks, *against, *taken_in(used))))
 
 
-def _diagnosed(
-    runs: Sequence[Samples], nominal: Machine, trust: Mapping[str, float], progress: Callable[[float, str], None]
-) -> Diagnosis:
+def _examined(
+    runs: Sequence[Samples], nominal: Machine, trust: Mapping[str, float], progress: Callable[[float, str], None],
+    as_recorded: bool,
+) -> Examined:  # fmt: skip
     tolerance = {name: trust.get(name, TOLERANCE) for name in PARAMETERS}
     runs, left_out = without_bad(runs, nominal)
     runs, sensor, said = _with_sound_sensors(runs, nominal)
@@ -80,20 +98,21 @@ def _diagnosed(
     rows_there = sum(map(len, long_enough))
     if checks.stop or rows_there < _FEWEST:
         few = f"expected at least {_FEWEST} rows to tell effects from noise, came {rows_there}; record some seconds"
-        return _no_verdict(checks.remarks if checks.stop else (*checks.remarks, few))
+        return Examined(_no_verdict(checks.remarks if checks.stop else (*checks.remarks, few)))
     if (answer := answer_alone(long_enough, nominal.i_rated)) is not None:
-        return _told_answer(long_enough, nominal, tolerance, checks.remarks, answer)
-    if (suspicion := suspected(long_enough, nominal, tolerance)) is not None:
+        return Examined(_told_answer(long_enough, nominal, tolerance, checks.remarks, answer))
+    suspicion = None if as_recorded else suspected(long_enough, nominal, tolerance)
+    if suspicion is not None:
         told = suspicion if sensor is None else both(sensor, suspicion)
-        diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
-        if diagnosis is not None:
-            return diagnosis
-    elif (wrong := contradicted(long_enough, nominal)) is not None:
-        return _no_verdict((*checks.remarks, wrong))
+        found = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
+        if found is not None:
+            return found
+    elif not as_recorded and (wrong := contradicted(long_enough, nominal)) is not None:
+        return Examined(_no_verdict((*checks.remarks, wrong)))
     told = None if sensor is None else replace(sensor, runs=tuple(long_enough))
-    diagnosis = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
-    assert diagnosis is not None
-    return diagnosis
+    found = _explained_without(long_enough, nominal, tolerance, checks.remarks, progress, told)
+    assert found is not None
+    return found
 
 
 def _with_sound_sensors(
@@ -116,7 +135,7 @@ def _with_sound_sensors(
 def _explained_without(
     runs: Sequence[Samples], nominal: Machine, tolerance: Mapping[str, float], remarks: Sequence[str],
     progress: Callable[[float, str], None], suspicion: Suspicion | None = None,
-) -> Diagnosis | None:  # fmt: skip
+) -> Examined | None:  # fmt: skip
     """The diagnosis of the recording without a suspected cause; None where the library takes some of that back."""
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
@@ -124,10 +143,10 @@ def _explained_without(
     remarks = (*remarks, *not_used)
     rows, given = prepared(runs, nominal, tolerance)
     if longest(odd_stretches(len(rows)) & rows.joined) < SHORTEST:
-        return _no_verdict((*remarks, (
+        return Examined(_no_verdict((*remarks, (
             f"expected stretches of at least {SHORTEST} periods without a gap to judge by; record over a faster link, "
             "or by a capture buffer"
-        )))  # fmt: skip
+        ))))  # fmt: skip
     progress(0.0, "fitting")
     answer = answered(runs)
     unidentified = _INDUCTANCES if answer and answer.alone else unidentified_inductances(at_nominal(rows, given))
@@ -143,7 +162,8 @@ def _explained_without(
     said = sentence_of(diagnosis, "" if suspicion is None else suspicion.says)
     causes = () if suspicion is None else (suspicion.sentence,)
     mapped = () if diagnosis.flux_map is None else (_MAPPED,)
-    return replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
+    diagnosis = replace(diagnosis, remarks=(*remarks, *causes, *diagnosis.remarks, *mapped), sentence=said)
+    return Examined(diagnosis, given, told)
 
 
 def _told_answer(

@@ -264,7 +264,7 @@ class Diagnosis:
 
 
 def verdict_of(
-    findings: Sequence[Finding], doubts: Sequence[Ambiguity], left: Unexplained | None, unidentified: Sequence[str]
+    findings: Sequence[object], doubts: Sequence[Ambiguity], left: Unexplained | None, unidentified: Sequence[str]
 ) -> Verdict:
     """The answer in a word. `unidentified`: what a recording does not tell of the machine."""
     if doubts:

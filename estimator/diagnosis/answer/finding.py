@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.arrays import Vector
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.noise import filter_of, whitened
 from estimator.diagnosis.search.fitting import Fitted
 from estimator.diagnosis.trust.rivals import RivalFit
@@ -46,14 +46,17 @@ def finding_of(rows: Rows, found: Fitted, one: tuple[str, int], others: Sequence
     )  # fmt: skip
 
 
-def told_sizes(effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int]) -> dict[str, Quantity]:
-    """An effect's sizes as users are told them, with standard errors."""
+def told_sizes(
+    effect: Effect, rows: Rows, found: Fitted, one: tuple[str, int], covariance: Array | None = None
+) -> dict[str, Quantity]:
+    """An effect's sizes as users are told them, with standard errors; `covariance`: a part of them alone."""
     search, sizes = found.search, found.model.effects[effect.name]
     fit = search.fit(found.choice)
     at = {search.columns[j].place: n for n, j in enumerate(fit.places) if search.columns[j].owner == effect.name}
     silent = {n for n, j in enumerate(fit.places) if search.gram[j, j] <= 0.0}  # nothing here depends on them
-    covariance = search.scattered(fit, search.free_covariance(found.choice), one)
-    covariance += search.form_covariance(found.choice) + search.untold_covariance(found.choice)
+    if covariance is None:
+        covariance = search.scattered(fit, search.free_covariance(found.choice), one)
+        covariance = covariance + search.form_covariance(found.choice) + search.untold_covariance(found.choice)
 
     def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
         if effect.told is not None:

@@ -52,7 +52,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
             )
     for doubt in diagnosis.ambiguous:
         titles = [title_of(name) for name in doubt.effects]
-        are = "are" if len(titles) > 1 or _plural(titles[0]) else "is"
+        are = "are" if len(titles) > 1 or plural(titles[0]) else "is"
         what = f"whether {' and '.join(titles)} {are} there"
         if doubt.rivals:
             what = " from ".join(titles) if len(titles) < 3 else f"which it is of {', '.join(titles)}"
@@ -106,8 +106,9 @@ def title_of(name: str) -> str:
     return BY_NAME[name].title if name in BY_NAME else _UNFITTED.get(name, name.replace("_", " "))
 
 
-def _plural(title: str) -> bool:
-    return title.startswith(("harmonics", "offsets", "unequal"))
+def plural(title: str) -> bool:
+    """An effect's title is one of several things."""
+    return title.startswith(("harmonics", "offsets", "unequal", "constant voltages"))
 
 
 def _finding_in_words(finding: Finding, cause: str) -> str:
@@ -116,7 +117,7 @@ def _finding_in_words(finding: Finding, cause: str) -> str:
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
     title = title_of(finding.effect)
-    text = f"{title} {'were' if _plural(title) else 'was'} left out: {sizes}"
+    text = f"{title} {'were' if plural(title) else 'was'} left out: {sizes}"
     if finding.effect == "voltage_delay":
         text += _delayed(finding.parameters)
     if hid:

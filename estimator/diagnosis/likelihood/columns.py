@@ -409,13 +409,19 @@ def _voltage_per_unit(rows: Rows, parameter: str) -> Vector:
     """Of a parameter of the machine, or of the angle."""
     if parameter == "R_s":
         return rows.i_mean
-    if parameter == "L_d":
-        return rows.balance(rows.i.real)
-    if parameter == "L_q":
-        return rows.balance(rows.i - rows.i.real)
+    if parameter in ("L_d", "L_q"):
+        own = rows.i.real if parameter == "L_d" else rows.i - rows.i.real
+        return rows.balance(own) + rows.machine.R_s * _mean_current_per_unit(rows, parameter)
     if parameter == "psi_f":
         return rows.balance(np.ones(len(rows) + 1))
     return voltage_of_angle_error(rows, _SMALL_ANGLE) / _SMALL_ANGLE
+
+
+def _mean_current_per_unit(rows: Rows, parameter: str) -> Vector:
+    """A/H, by which the mean current of each period goes with an inductance: pulses meet it."""
+    L = getattr(rows.machine, parameter)
+    other = rows.with_machine(replace(rows.machine, **{parameter: L * (1.0 + _SMALL_STEP)}))
+    return (other.i_mean - rows.i_mean) / (L * _SMALL_STEP)
 
 
 def _coupled(rows: Rows, model: Model, parameter: str) -> Vector:

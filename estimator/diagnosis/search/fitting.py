@@ -92,10 +92,11 @@ def at_nominal(rows: Rows, given: Given) -> Search:
     return _search(part, raw(part), Model(given.machine), given, ())
 
 
-def of_machine(rows: Rows, given: Given) -> Fitted:
-    """The machine without any effect, and a search that knows none."""
-    model, clean, _ = polished(rows, raw(rows), Model(given.machine), given)
-    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, ()))
+def of_model(rows: Rows, begin: Model, given: Given) -> Fitted:
+    """The best model of a model's own effects, needed or not, and a search that knows these alone."""
+    model, clean, _ = polished(rows, raw(rows), begin, given)
+    library = tuple(BY_NAME[name] for name in model.effects)
+    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, library))
 
 
 def _fitted_from(

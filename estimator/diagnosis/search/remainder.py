@@ -24,7 +24,7 @@ from estimator.diagnosis.likelihood.identifiability import (
 )
 from estimator.diagnosis.likelihood.noise import Noise, as_in, filter_of, flux_errors, noise_of, whitened
 from estimator.diagnosis.likelihood.thinning import thinned
-from estimator.diagnosis.search.fitting import Fitted, fitted, of_machine, without
+from estimator.diagnosis.search.fitting import Fitted, fitted, of_model, without
 from estimator.diagnosis.unnamed.describe import RESONANCE, best_resonance, describe, rings
 from estimator.diagnosis.verdict import Unexplained
 from estimator.machine import PARAMETERS
@@ -193,7 +193,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     part = thinned(rows)
     if part is not rows and alone(part, given) is None:
         return None
-    bare = of_machine(rows, given)
+    bare = of_model(rows, Model(given.machine), given)
     excess, chance = excess_of(bare), _by_chance(rows)
     if excess < _FAR_ABOVE_FORM * chance or (left := _described(rows, bare)) is None:
         return None
