@@ -48,7 +48,8 @@ def test_that_numbers_are_one_is_the_ratio_of_two_integrals(stds: list[float]) -
         def by(theta: float) -> float:
             return float(math.prod(math.exp(-0.5 * (theta / s) ** 2) for s in some) * stats.norm.pdf(theta, 0.0, prior))
 
-        return float(integrate.quad(by, -6.0, 6.0, points=[0.0])[0])
+        found: tuple[float, float] = integrate.quad(by, -6.0, 6.0, points=[0.0])
+        return found[0]
 
     expected = math.log(evidence(stds)) - sum(math.log(evidence([one])) for one in stds)
     assert one_number(stds, prior) == pytest.approx(expected, rel=1e-6)
