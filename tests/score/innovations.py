@@ -31,7 +31,8 @@ _SKIPPED: Final = 2  # first rows, in which a shifted voltage is not there yet
 class Noise(NamedTuple):
     """Variances of what is known to be noise, white each."""
 
-    i: float  # A2, of i_d and i_q each
+    i: float  # A2, of i_d and i_q each, the mean of all directions
+    i_unlike: complex  # A2, stationary: half of the mean of its vector's square; zero where it is alike in all
     theta: float  # rad2, of the electrical angle
     u: float  # V2, of u_d and u_q each
 
@@ -104,14 +105,15 @@ def _pulses(u: complex, u_dc: float, level: float, T_s: float, room: Pulses) -> 
 
 
 @inlined
-def _measured(i_d: float, i_q: float, machine: Array, noise: Noise) -> Symmetric:
+def _measured(i_d: float, i_q: float, theta: float, machine: Array, noise: Noise) -> Symmetric:
     """Variance of the flux linkage that currents tell: theirs, and that of the angle by which all of it is turned."""
     _, L_d, L_q, psi_f = machine
     a_d, a_q = (L_d - L_q) * i_q, psi_f + (L_d - L_q) * i_d
+    unlike = noise.i_unlike * turned(-2.0 * theta)
     return Symmetric(
-        L_d * L_d * noise.i + a_d * a_d * noise.theta,
-        L_q * L_q * noise.i + a_q * a_q * noise.theta,
-        a_d * a_q * noise.theta,
+        L_d * L_d * (noise.i + unlike.real) + a_d * a_d * noise.theta,
+        L_q * L_q * (noise.i - unlike.real) + a_q * a_q * noise.theta,
+        L_d * L_q * unlike.imag + a_d * a_q * noise.theta,
     )
 
 
@@ -156,7 +158,7 @@ def innovations(columns: Array, T_s: float, machines: Array, noise: Noise) -> Ar
     )  # fmt: skip
     for j in range(m):
         x[j] = complex(L_d[j] * i_d[_SKIPPED] + psi_f[j], L_q[j] * i_q[_SKIPPED])
-    p = _measured(i_d[_SKIPPED], i_q[_SKIPPED], machines[0], noise)
+    p = _measured(i_d[_SKIPPED], i_q[_SKIPPED], theta[_SKIPPED], machines[0], noise)
     for k in range(_SKIPPED, n - 1):
         # Over the period
         turn = theta[k + 1] - theta[k]
@@ -190,7 +192,7 @@ def innovations(columns: Array, T_s: float, machines: Array, noise: Noise) -> Ar
         p = _carried(p, f_d, f_q, T_s * T_s * noise.u)
 
         # At its end
-        r = _measured(i_d[k + 1], i_q[k + 1], machines[0], noise)
+        r = _measured(i_d[k + 1], i_q[k + 1], theta[k + 1], machines[0], noise)
         s = Symmetric(p.d + r.d, p.q + r.q, p.dq + r.dq)
         g_dd, g_dq, g_qd, g_qq = _gain(p, s)
         c_d = math.sqrt(s.d)

@@ -20,15 +20,17 @@ What is assumed: shape and sign of the effect are known, its shape parameters to
 the size alone is not. R_s, L_d, L_q and psi_f are unknown, normal about the data sheet's values with the deviation of a
 number anywhere within its tolerance (P; J: their effect on the innovations), so what looks like another motor of the
 series is no evidence. So is the angle, by half a count of the encoder: nobody knows how it rounds, nor aligns it more
-closely. All else is known: bridge, dc link, shaft, and that there is no other effect. Noise is normal and
-white: of the phase currents with the converter's rounding, of the encoder's counts and of the 16-bit counts of angle,
-currents and voltages. Rows that a recording lost are taken for there.
+closely. All else is known: bridge, dc link, shaft, the measuring chain, and that there is no other effect. Noise is
+normal and white: of the phase currents with the converter's rounding, of which two sensors make more in one direction
+than across, of the encoder's counts and of the 16-bit counts of angle, currents and voltages. Rows that a recording
+lost are taken for there.
 
 Where it is poor: the encoder's rounding is no white noise at speeds of less than a count a period, or of a whole number
 of them, nor is the converter's where noise is small against its step; where the shaft is free, a speed that changes
 within a period is taken for steady (`lack`: what that leaves, and a dc link that sags, is taken off both runs); a
-voltage early or late by one period is no small effect at all, its limit is a share of a period; of several effects each
-limit is that of the effect alone, so those that look alike are harder to tell than it says.
+voltage early or late by one period is no small effect at all, its limit is a share of a period, and so is that of a
+filter or a tracking loop one of the whole; of several effects each limit is that of the effect alone beside the
+measuring chain, so those that look alike are harder to tell than it says.
 """
 
 import argparse
@@ -46,8 +48,9 @@ import numpy as np
 
 from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
+from emulator.conceal.measuring_chain import CHAIN
 from emulator.conceal.population import Sections, Setting
-from emulator.conceal.populations import POPULATIONS
+from emulator.conceal.populations import POPULATIONS, merged
 from emulator.conceal.recording import full_scales
 from emulator.drive.virtual_drive import Column, VirtualDrive
 from emulator.scenario.effects import effects_from_table
@@ -63,6 +66,7 @@ _TURN: Final = 1e-4  # rad, likewise
 _RPM: Final = 2.0 * math.pi / 60.0  # rad/s
 _FITS: Final = 6  # of the parameters at most, each about the one before
 _SETTLED: Final = 1e-3  # of the energy, by which a fit still changes it
+_B: Final = complex(-0.5, 0.5 * math.sqrt(3.0))  # direction of phase b
 _ROUNDED: Final = 1.0 / 12.0  # variance of a number rounded to 1
 
 _FIRST: Final = 0.005  # of a size, that is run first
@@ -70,6 +74,7 @@ _LOW, _SMALL = 0.1, 3.0  # limits: a size that is run is between
 _LEAST: Final = 1e-3  # of a size, that is run after it
 _NOTHING: Final = 1e-12  # of it, at which one gives up
 _SHIFTS: Final = {"voltage_early": 1, "voltage_late": -1}  # classes of one size: the row whose voltage a row has
+BY_SHARE: Final = ("currents_averaged", "currents_filtered", "angle_tracked")  # classes that no drive has little of
 
 
 class Oracle:
@@ -78,18 +83,31 @@ class Oracle:
     def __init__(self, answer: Mapping[str, Any]) -> None:
         self._answer = answer
         self.scenario: Final = parse(answer["scenario"], f"recording {answer['recording']}")
-        self._bare = self._run({})
-        self._errors, self._change = whitened(self._bare, self.scenario)
+        self._without: dict[str, tuple[Mapping[str, Column], Array]] = {}
 
     @property
     def lack(self) -> float:
         """lam of what the oracle's own machine lacks where there is no effect."""
-        return float(self._errors @ weights(self._errors, self._change))
+        errors, change = whitened(self._bare("")[0], self.scenario)
+        return float(errors @ weights(errors, change))
 
     def over_limit(self, name: str) -> float:
         """Size over limit of a class that the recording has."""
-        size = float(self._answer["sizes"][name]["value"])
+        size = self._drawn(name)
         return size / self.limit(name, size)
+
+    def _drawn(self, name: str) -> float:
+        return float(self._answer["sizes"][name]["value"])
+
+    def _bare(self, name: str) -> tuple[Mapping[str, Column], Array]:
+        """The run without any effect but the surroundings and the measuring chain, which a class of that name is no
+        part of, and its innovations.
+        """
+        beside = name if name in CHAIN else ""
+        if beside not in self._without:
+            columns = self._run({}, name)
+            self._without[beside] = columns, whitened(columns, self.scenario)[0]
+        return self._without[beside]
 
     def limit(self, name: str, size: float) -> float:
         """Smallest size of a class that can be seen. `size`: one from a part of which on it is sought.
@@ -107,7 +125,7 @@ class Oracle:
     def signal(self, name: str, x: float) -> tuple[Array, Array]:
         """What a class of a size changes in the innovations of the true machine; J of that run."""
         errors, change = whitened(self.with_size(name, x), self.scenario)
-        return errors - self._errors, change
+        return errors - self._bare(name)[1], change
 
     def _limit(self, name: str, x: float) -> float:
         """By the energy that no machine of the series takes away, its parameters in deviations from the true ones.
@@ -120,7 +138,7 @@ class Oracle:
         for _ in range(_FITS):
             with np.errstate(over="ignore", invalid="ignore"):  # of a machine that is none
                 errors, J = whitened(columns, self.scenario, off)
-                changed = errors - self._errors
+                changed = errors - self._bare(name)[1]
                 there = float(changed @ changed + off @ off)
             if not there < least:  # too far, or another machine's filter went astray
                 off = 0.5 * (last + off)
@@ -135,11 +153,16 @@ class Oracle:
         return x * math.sqrt(NEEDED / least)
 
     def with_size(self, name: str, x: float) -> Mapping[str, Column]:
-        """The recording's run by ideal sensors with one class alone."""
+        """The recording's run by ideal sensors with one class alone beside its measuring chain."""
+        bare = self._bare(name)[0]
         if name in _SHIFTS:
-            share = {key: np.roll(self._bare[key], -_SHIFTS[name]) - self._bare[key] for key in ("u_d", "u_q")}
-            return {**self._bare, **{key: self._bare[key] + x * value for key, value in share.items()}}
-        return self._run(self.sections(name, x))
+            share = {key: np.roll(bare[key], -_SHIFTS[name]) - bare[key] for key in ("u_d", "u_q")}
+            return {**bare, **{key: bare[key] + x * value for key, value in share.items()}}
+        if name in BY_SHARE:
+            size = self._drawn(name)
+            whole = self._run(self.sections(name, size), name)
+            return {key: column + x / size * (whole[key] - column) for key, column in bare.items()}
+        return self._run(self.sections(name, x), name)
 
     def sections(self, name: str, x: float) -> Sections:
         """A class's effects of a size in this recording: as drawn but for the size."""
@@ -148,11 +171,18 @@ class Oracle:
         POPULATIONS[name].drawn(chance)  # takes its number
         drive = scenario.drive
         omega_e = MOTORS[answer["motor"]].speed_rpm * _RPM * scenario.motor.n_p
-        setting = Setting(scenario.motor, omega_e, drive.u_dc, drive.T_s, answer["periods"] * drive.T_s)
+        length = answer["periods"] * drive.T_s
+        setting = Setting(scenario.motor, omega_e, drive.u_dc, drive.T_s, length, drive.current_sensors)
         return POPULATIONS[name].sizes(x, setting, chance)
 
-    def _run(self, sections: Sections) -> dict[str, Column]:
-        effects = effects_from_table(self._surroundings() | sections, "", Path())
+    def chain(self, name: str) -> Sections:
+        """The measuring chain beside a class, which is no part of it."""
+        classes = [one for one in self._answer["classes"] if one in CHAIN and one != name]
+        return merged([self.sections(one, self._drawn(one)) for one in classes])
+
+    def _run(self, sections: Sections, name: str) -> dict[str, Column]:
+        """`name`: of the class that the sections are, which is no part of the measuring chain then."""
+        effects = effects_from_table(merged([self._surroundings(), self.chain(name), sections]), "", Path())
         drive = replace(self.scenario.drive, noise_i=0.0, adc_bits=0, encoder_counts=0)
         return VirtualDrive(replace(self.scenario, drive=drive, effects=effects)).record(self._answer["periods"])
 
@@ -172,9 +202,10 @@ def noise_of(scenario: Scenario) -> Noise:
     adc = drive.adc_full / 2.0 ** (drive.adc_bits - 1) if drive.adc_bits else 0.0
     count = count_of(scenario)
     told = {name: count_size(channel_signal(name), full) for name in ("i_d", "u_d", "theta_e")}
-    phase = drive.noise_i**2 + _ROUNDED * adc**2  # 2/3 of it on each axis
-    return Noise(
-        2.0 / 3.0 * phase + _ROUNDED * told["i_d"] ** 2,
+    phase, two = drive.noise_i**2 + _ROUNDED * adc**2, drive.current_sensors == 2
+    return Noise(  # of a, b and c, or of a and b alone, where a vector is (2 a - b - c) / 3 + j (b - c) / sqrt(3)
+        (4.0 if two else 2.0) / 3.0 * phase + _ROUNDED * told["i_d"] ** 2,
+        2.0 / 3.0 * phase * _B if two else 0j,
         _ROUNDED * (count**2 + told["theta_e"] ** 2),
         _ROUNDED * told["u_d"] ** 2,
     )

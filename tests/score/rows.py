@@ -14,7 +14,6 @@ DEVIATIONS: Final = 2.0  # or so many standard errors
 MACHINE: Final = 0.005  # of a parameter of the machine
 FLOOR: Final = 1.05  # noise floors that a residual may have
 DC_LINK: Final = "dc_link_gain"
-_KINDS: Final = ("none", "one", "two", "three")
 _DOUBT: Final = (Verdict.AMBIGUOUS, Verdict.NOT_ENOUGH_EXCITATION)
 _SLOW: Final = 50.0  # Hz: a telegraph's voltage is slower
 _FAST: Final = 0.05  # of the sampling rate: a resonance is faster
@@ -37,6 +36,7 @@ class Row:
     recording: str
     kind: str  # none, one, two, three, stranger
     classes: tuple[str, ...]
+    subjects: tuple[str, ...]  # as in `Truth`
     over_limit: Mapping[str, float]  # size over detection limit, by class
     found: tuple[str, ...]  # effects named
     ambiguous: tuple[tuple[str, ...], ...]
@@ -55,6 +55,7 @@ class Row:
     region: str  # where the unexplained is said to be
     detectable: Mapping[str, float]  # limit that is told over the oracle's, by class
     gain_told: bool | None  # the dc link's gain is within the range that is told; None where there is none
+    candidates: tuple[tuple[float, bool], ...]  # log10 of the odds that are told of an effect, and whether it is there
     seconds: float
 
     @property
@@ -77,8 +78,9 @@ def row_of(recording: str, truth: Truth, over_limit: Mapping[str, float], said: 
     exact = found is not None and not missed and not false
     return Row(
         recording=recording,
-        kind="stranger" if truth.stranger else _KINDS[len(truth.classes)],
+        kind=truth.kind,
         classes=truth.classes,
+        subjects=truth.subjects,
         over_limit=over_limit,
         found=named,
         ambiguous=tuple(each.effects for each in found.ambiguous) if found else (),
@@ -97,6 +99,7 @@ def row_of(recording: str, truth: Truth, over_limit: Mapping[str, float], said: 
         region=_told(found.unexplained) if found and found.unexplained else "",
         detectable=_detectable(found, truth, over_limit),
         gain_told=_gain_told(found, truth),
+        candidates=tuple((each.log10_odds_after, each.effect in there) for each in found.candidates) if found else (),
         seconds=said.seconds,
     )
 
@@ -113,7 +116,8 @@ def _is_false(found: Diagnosis, truth: Truth, over_limit: Mapping[str, float], e
         return not doubted & set(truth.effects)
     if found.verdict is Verdict.UNEXPLAINED:
         return truth.stranger is None
-    return found.verdict is Verdict.PARTLY_EXPLAINED
+    named = {finding.effect for finding in found.findings}
+    return found.verdict is Verdict.PARTLY_EXPLAINED and (truth.stranger is None or not named <= truth.effects.keys())
 
 
 def _sizes(found: Diagnosis | None, truth: Truth) -> dict[str, SizeScore]:
@@ -154,9 +158,11 @@ def _residual(found: Diagnosis | None) -> float | None:
 
 
 def _stranger(found: Diagnosis | None, truth: Truth) -> str:
-    if found is not None and found.findings:
+    if found is None:
+        return "missed"
+    if any(finding.effect not in truth.effects for finding in found.findings):
         return "forced"
-    if found is None or found.verdict is not Verdict.UNEXPLAINED or found.unexplained is None:
+    if found.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED) or found.unexplained is None:
         return "missed"
     return "right" if _is_there(found.unexplained, truth) else "elsewhere"
 
@@ -217,8 +223,8 @@ def as_json(row: Row) -> dict[str, Any]:
     """For a file."""
     sizes = {name: [size.true, size.value, size.std, size.right] for name, size in row.sizes.items()}
     keys = (
-        "recording", "kind", "classes", "over_limit", "found", "ambiguous", "verdict", "sentence", "exact", "missed",
-        "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable", "gain_told",
-        "seconds",
+        "recording", "kind", "classes", "subjects", "over_limit", "found", "ambiguous", "verdict", "sentence", "exact",
+        "missed", "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable", "gain_told",
+        "candidates", "seconds",
     )  # fmt: skip
     return {key: getattr(row, key) for key in keys} | {"sizes": sizes}

@@ -49,6 +49,12 @@ def noisy(oracle: Oracle, kind: str | None, size: float, seed: int) -> Array:
     return whitened(in_mid_count(columns, scenario), scenario)[0]
 
 
+def two_sensors_run(told: Mapping[str, Any]) -> dict[str, Column]:
+    """A recording without an effect by its own sensors."""
+    scenario = Oracle(told).scenario
+    return recorded(replace(scenario, effects=effects_from_table({}, "", Path())), round(LENGTH / scenario.drive.T_s))
+
+
 def louder(scenario: str, factor: float) -> str:
     """A scenario's text with more noise in its currents."""
     return re.sub(r"noise_i = (\S+)", lambda found: f"noise_i = {factor * float(found[1])}", scenario)
@@ -73,6 +79,19 @@ def test_innovations_of_real_sensors_are_white_and_of_variance_one(motor: str) -
     assert np.mean(errors**2) == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / n))
     for lag in (1, 2, 3, 4, 20):
         assert abs(np.mean(errors[lag:] * errors[:-lag])) < 5.0 / math.sqrt(n)
+
+
+def test_noise_of_two_sensors_is_known_by_its_direction() -> None:
+    told = answer("none", "servo_4nm", 120)
+    two = told | {"scenario": told["scenario"].replace("current_sensors = 3", "current_sensors = 2")}
+    errors = noisy(Oracle(two), None, 0.0, 5)
+    pairs = errors.reshape(-1, 2)
+    n = len(pairs)
+    for each in pairs.T:
+        assert np.mean(each**2) == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / n))
+    assert abs(np.mean(pairs[:, 0] * pairs[:, 1])) < 5.0 / math.sqrt(n)
+    by_three = whitened(in_mid_count(two_sensors_run(two), Oracle(two).scenario), Oracle(told).scenario)[0]
+    assert np.var(by_three) > 1.5
 
 
 @pytest.mark.slow
@@ -104,7 +123,11 @@ def test_an_effect_at_its_limit_is_seen_in_99_of_100_recordings(kind: str, motor
     assert np.std(without) == pytest.approx(1.0, abs=0.35)
 
 
-@pytest.mark.parametrize("kind", ["dead_time", "saturation_q", "iron_loss", "skin", "current_gain", "winding_heat"])
+@pytest.mark.parametrize(
+    "kind",
+    ["dead_time", "saturation_q", "iron_loss", "skin", "current_gain", "winding_heat", "currents_averaged",
+     "currents_filtered", "angle_late", "angle_signals", "leg_voltages"],
+)  # fmt: skip
 def test_the_limit_does_not_depend_on_the_size_that_it_is_sought_from(kind: str) -> None:
     told = answer(kind, "servo_4nm")
     oracle, size = Oracle(told), told["sizes"][kind]["value"]

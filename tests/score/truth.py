@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from emulator.conceal.measuring_chain import CHAIN
-from emulator.conceal.populations import STRANGERS
+from emulator.conceal.populations import KINDS, STRANGERS
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
 from emulator.scenario.scenarios import Scenario, parse
@@ -66,6 +66,8 @@ class Truth:
     """What a diagnosis should find."""
 
     classes: tuple[str, ...]
+    subjects: tuple[str, ...]  # of these, what is concealed on purpose; the others are a measuring chain drawn besides
+    kind: str  # none, one, two, three, stranger
     effects: Mapping[str, Mapping[str, Size]]  # by effect and parameter
     machine: Mapping[str, float]  # R_s, L_d, L_q, psi_f at the start and at no current, SI
     stranger: str | None
@@ -86,7 +88,9 @@ def truth_of(answer: Mapping[str, Any]) -> Truth:
         "R_s": motor.R_s * (1.0 + sum(imbalance) / 3.0), "L_d": motor.L_d, "L_q": motor.L_q, "psi_f": motor.psi_f,
     }  # fmt: skip
     stranger = next((name for name in classes if name in STRANGERS), None)
-    return Truth(classes, effects, machine, stranger, scenario, periods * scenario.drive.T_s)
+    kind = "stranger" if stranger else answer["kind"] if answer["kind"] in KINDS else "one"
+    subjects = classes[: 1 if stranger else KINDS.index(kind)]
+    return Truth(classes, subjects, kind, effects, machine, stranger, scenario, periods * scenario.drive.T_s)
 
 
 def _together(values: Mapping[str, float], unit: str) -> Sizes:

@@ -1,4 +1,5 @@
-"""`python -m tests.proof.parts.poor_suite --seed S --count N --out DIR --answers DIR2`: recordings that tell little.
+"""`python -m tests.proof.parts.poor_suite --seed S --count N --out DIR --answers DIR2 [--chain]`: recordings that tell
+little.
 
 As `python -m emulator conceal` makes them, but at one speed and one level of current, or at none, see
 `tests.score.poor`. Classes, runs and motors go round, so that a part of the suite has a bit of everything.
@@ -32,29 +33,29 @@ _STRIDE: Final = 5  # motors, from one recording to the next
 _TRIES: Final = 20  # draws of a recording that the drive can do
 
 
-def make(seed: int, count: int, out: Path, answers: Path, jobs: int = 1) -> None:
+def make(seed: int, count: int, out: Path, answers: Path, jobs: int = 1, *, chain: bool = False) -> None:
     """Write recordings and machines into one folder, answers into another."""
     for folder in (out, answers):
         folder.mkdir(parents=True)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        for done in [pool.submit(_one, seed, k, out, answers) for k in range(1, count + 1)]:
+        for done in [pool.submit(_one, seed, k, out, answers, chain) for k in range(1, count + 1)]:
             done.result()
 
 
-def _one(seed: int, number: int, out: Path, answers: Path) -> None:
+def _one(seed: int, number: int, out: Path, answers: Path, chain: bool) -> None:
     name = f"{number:04}"
-    choice, run = case_of(seed, number)
+    choice, run = case_of(seed, number, chain=chain)
     there, columns = drawn_poor(choice, number, run)
     write(there, columns, choice, name, out, answers)
     answer = answer_of(there, choice, name) | {"run": run}
     (answers / f"{name}.json").write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
 
 
-def case_of(seed: int, number: int) -> tuple[Choice, str]:
-    """What a recording is drawn from, and its run."""
+def case_of(seed: int, number: int, *, chain: bool = False) -> tuple[Choice, str]:
+    """What a recording is drawn from, and its run; with a measuring chain drawn for each."""
     k, motors = number - 1, tuple(MOTORS)
     kind, run = _KINDS[k % len(_KINDS)], RUNS[(k + k // len(_KINDS)) % len(RUNS)]
-    return Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH), run
+    return Choice(seed, (kind,), _WINDOW, (motors[_STRIDE * k % len(motors)],), LENGTH, chain), run
 
 
 def drawn_poor(choice: Choice, number: int, run: str) -> tuple[Concealed, Mapping[str, Column]]:
@@ -101,8 +102,9 @@ def _word(answer: Mapping[str, Any], said: Mapping[str, Said]) -> str:
 def main() -> int:
     """Make a suite."""
     parser = suite_parser("poor_suite", __doc__)
+    parser.add_argument("--chain", action="store_true", help="a measuring chain is drawn for each")
     given = parser.parse_args()
-    make(given.seed, given.count, given.out, given.answers, given.jobs)
+    make(given.seed, given.count, given.out, given.answers, given.jobs, chain=given.chain)
     return 0
 
 

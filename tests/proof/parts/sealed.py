@@ -17,12 +17,14 @@ from typing import Any, Final
 import numpy as np
 import plotly.graph_objects
 
+from emulator.conceal.populations import CHAINED, KINDS
 from tests.proof.diagnosing import said_of
 from tests.proof.parts import poor_suite
 from tests.proof.proof import Bar, Proof, Settings, Table
 from tests.proof.seal import SEAL, opened, publish, sealed
 from tests.score.diagnosed import Said
 from tests.score.oracle import limits
+from tests.score.reliability import FEWEST, WITHIN, bins
 from tests.score.rows import PLAIN, Row, as_json, row_of
 from tests.score.score import (
     BINS,
@@ -40,27 +42,30 @@ from tests.score.truth import EFFECT, truth_of
 
 go: Any = plotly.graph_objects  # comes without types
 
-_WHOLE, _QUICK = (400, 100, 6.0, 78), (6, 2, 3.0, 2)  # recordings, those near the limit, s of each; poor ones
+_WHOLE = 400, 100, 200, 78, 6.0  # recordings, those near the limit, healthy drives, poor ones, s of each
+_QUICK = 6, 2, 2, 2, 3.0
+_SUITES: Final = (*KINDS, CHAINED)
 NEAR: Final = "near "  # before the names of recordings near the limit
-_ASKED: Final = ("one", "two", "three")  # kinds of recordings that the oracle is asked of
+HEALTHY: Final = "healthy "  # of drives without an effect
+_ASKED: Final = ("one", "two", "three", CHAINED)  # kinds of recordings that the oracle is asked of
 
 
 def prove(settings: Settings) -> Proof:
     """Make, seal, diagnose, open, score."""
     folder = settings.folder / "sealed"
     shutil.rmtree(folder, ignore_errors=True)
-    count, near_count, length, poor_count = _QUICK if settings.quick else _WHOLE
-    drawn, by = ("--seed", str(settings.seed)), ("--jobs", str(settings.jobs))
-    rich = heard(folder / "rich", settings.jobs, (
-        "emulator", "conceal", *drawn, "--count", str(count), "--length", str(length), "--workers", str(settings.jobs),
-    ))  # fmt: skip
+    count, near_count, healthy_count, poor_count, length = _QUICK if settings.quick else _WHOLE
+    drawn, by = ("--seed", str(settings.seed), "--chain"), ("--jobs", str(settings.jobs))
+    conceal = "emulator", "conceal", *drawn, "--length", str(length), "--workers", str(settings.jobs)
+    rich = heard(folder / "rich", settings.jobs, (*conceal, "--count", str(count), "--class", *_SUITES))
+    healthy = heard(folder / "healthy", settings.jobs, (*conceal, "--count", str(healthy_count), "--class", "none"))
     near = heard(folder / "near", settings.jobs, (
         "tests.proof.parts.near_suite", *drawn, "--count", str(near_count), "--length", str(length), *by
     ))  # fmt: skip
     poor = heard(folder / "poor", settings.jobs, (
         "tests.proof.parts.poor_suite", *drawn, "--count", str(poor_count), *by
     ))  # fmt: skip
-    return proof_of_suites(rich, near, poor, length, settings)
+    return proof_of_suites(rich, near, healthy, poor, length, settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +77,9 @@ class Heard:
     digest: str  # of the seal
 
 
-def proof_of_suites(rich: Heard, near: Heard, poor: Heard, length: float, settings: Settings) -> Proof:
+def proof_of_suites(
+    rich: Heard, near: Heard, healthy: Heard, poor: Heard, length: float, settings: Settings
+) -> Proof:  # fmt: skip
     """The score of suites of `length` s (poor ones: of their own) that were diagnosed and opened."""
     folder = settings.folder / "sealed"
     over_limit = limits([answer for answer in rich.answers if answer["kind"] in _ASKED], settings.jobs)
@@ -80,13 +87,15 @@ def proof_of_suites(rich: Heard, near: Heard, poor: Heard, length: float, settin
     rows = [
         *scored(rich.answers, over_limit, rich.said),
         *(replace(row, recording=NEAR + row.recording) for row in scored(near.answers, near_by, near.said)),
+        *(replace(row, recording=HEALTHY + row.recording) for row in scored(healthy.answers, {}, healthy.said)),
     ]
     (folder / "rows.json").write_text(json.dumps([as_json(row) for row in rows], indent=1) + "\n", encoding="utf-8")
     what = (
-        f"{len(rows)} recordings of {length:g} s, seed {settings.seed}, the last {len(near.answers)} with one effect "
-        "of half to thirty times what the oracle could see"
+        f"{len(rows)} recordings of {length:g} s, seed {settings.seed}, each with a measuring chain drawn for it, "
+        f"{len(near.answers)} of them with one effect of half to thirty times what the oracle could see, "
+        f"{len(healthy.answers)} of drives without any effect besides their chain"
     )
-    return proof_of(rows, poor, what, f"{rich.digest} and {near.digest}")
+    return proof_of(rows, poor, what, f"{rich.digest}, {near.digest} and {healthy.digest}")
 
 
 def heard(folder: Path, jobs: int, maker: Sequence[str]) -> Heard:
@@ -145,6 +154,7 @@ def proof_of(rows: Sequence[Row], poor: Heard, what: str, digest: str) -> Proof:
         _table("Held-out residual over the noise floor, exact sets", residuals(rows)),
         _table("Sizes of effects, where they were named", sizes(rows)),
         _table("Detection limits that the diagnosis tells, over the oracle's", told_limits(rows)),
+        _table("Odds that are told of effects, and the share of these that is there", reliability(rows)),
         _table("Misses: false names, false verdicts, effects of 3 limits or more that were not named", misses(rows)),
         poor_suite.table(poor.answers, poor.said),
         Table("Poor excitation: wrong names", ("recording", "concealed", "said"), tuple(wrong)),
@@ -159,10 +169,30 @@ def _bars(rows: Sequence[Row]) -> list[Bar]:
     """Measures of all rows; the first one apart, too, for sizes of the population and those near the limit."""
     first, *others = measures(rows)
     near = [row for row in rows if row.recording.startswith(NEAR)]
-    population = [row for row in rows if not row.recording.startswith(NEAR)]
+    population = [row for row in rows if not row.recording.startswith((NEAR, HEALTHY))]
     apart = {"the population's own sizes": population, "half to thirty limits": near}
     parts = [replace(measures(some)[0], what=f"  of these, {what}", at_least=None) for what, some in apart.items()]
-    return [_bar(measure) for measure in (first, *parts, *others)]
+    return [*(_bar(measure) for measure in (first, *parts, *others)), _reliable(rows)]
+
+
+def _reliable(rows: Sequence[Row]) -> Bar:
+    """Of effects of all recordings: odds that are told beside the share that is there."""
+    found = bins([each for row in rows for each in row.candidates])
+    judged = [each for each in found if each.count >= FEWEST]
+    worst = max((each.off for each in judged), default=math.nan)
+    what = f"odds of effects, told over right, in bins of {FEWEST} or more"
+    return Bar(what, f"within {WITHIN:g} times, 5 bins", f"{worst:.2g}, {len(judged)} bins",
+               len(judged) == len(found) and worst <= WITHIN)  # fmt: skip
+
+
+def reliability(rows: Sequence[Row]) -> Cells:
+    """Odds that are told and right ones, bin by bin."""
+    cells: Cells = [("odds told", "effects", "there", "told", "right", "off, times")]
+    for each in bins([each for row in rows for each in row.candidates]):
+        span = f"{10.0**each.low:g} to {10.0**each.high:g}"
+        numbers = f"{each.told:.3g}", f"{each.right:.3g}", f"{each.off:.2f}"
+        cells.append((span, str(each.count), str(each.there), *numbers))
+    return cells
 
 
 def _bar(measure: Measure) -> Bar:
