@@ -224,7 +224,7 @@ def as_json(row: Row) -> dict[str, Any]:
     sizes = {name: [size.true, size.value, size.std, size.right] for name, size in row.sizes.items()}
     keys = (
         "recording", "kind", "classes", "subjects", "over_limit", "found", "ambiguous", "verdict", "sentence", "exact",
-        "missed", "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable", "gain_told",
-        "candidates", "seconds",
+        "missed", "false", "false_verdict", "before", "after", "residual", "stranger", "region", "detectable",
+        "gain_told", "candidates", "seconds",
     )  # fmt: skip
     return {key: getattr(row, key) for key in keys} | {"sizes": sizes}
