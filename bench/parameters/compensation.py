@@ -351,6 +351,8 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "iron_loss": "part of the current makes heat and no torque, the more the faster it turns",
     "winding_resistance_drift": "the current control's integral takes it; control_R_s is that at the start",
     "magnet_flux_drift": "torque per ampere changes with it; control_psi_f is that at the start",
+    "winding_temperature": "the current control's integral takes it; control_R_s is that at the start",
+    "magnet_temperature": "torque per ampere changes with it; control_psi_f is that at the start",
     "magnet_flux_step": "torque per ampere is lower from then on; control_psi_f is that before",
     "flux_harmonics": "torque ripples at 6 and 12 times the electrical frequency",
     "inductance_harmonics": "torque ripples at 6 times the electrical frequency under current",
