@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from emulator.bounds import Points
 from emulator.conceal.measuring_chain import CHAIN
 from emulator.conceal.outside_warmth import OUTSIDE
 from emulator.conceal.populations import STRANGERS
@@ -261,9 +262,10 @@ def _warmed(part: str, most: str, unit: str) -> Callable[[Scenario, int], Sizes]
     """`most`: the name that the largest share is told by."""
 
     def sizes(scenario: Scenario, periods: int) -> Sizes:
-        t, share = np.transpose(getattr(scenario.effects.warming, part))
+        points: Points = getattr(scenario.effects.warming, part)
+        t, share = ([point[n] for point in points] for n in (0, 1))
         value = scenario.motor.R_s if part == "winding" else scenario.motor.psi_f
-        largest, end = float(share[np.argmax(np.abs(share))]), periods * scenario.drive.T_s
+        largest, end = max(share, key=abs), periods * scenario.drive.T_s
         at = {"at_half": 0.5 * end, "at_end": end}
         course = {
             name: Size(value * (1.0 + float(np.interp(x, t, share))), value * abs(largest), unit)

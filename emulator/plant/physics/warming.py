@@ -42,7 +42,7 @@ def courses_of(warming: Warming) -> Courses:
 
 def factors_at(course: NDArray[np.float64], t: NDArray[np.floating[Any]]) -> NDArray[np.float64] | float:
     """A parameter over that without warming, at times (s)."""
-    return 1.0 + np.interp(t, *course.T) if len(course) else 1.0
+    return np.asarray(1.0 + np.interp(t, course[:, 0], course[:, 1]), np.float64) if len(course) else 1.0
 
 
 @kernel

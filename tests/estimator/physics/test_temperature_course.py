@@ -8,6 +8,7 @@ import pytest
 
 from emulator.conceal.outside_warmth import late, points_of, rise, rise_and_fall
 from emulator.plant.physics.warming import Warming
+from estimator.arrays import Array
 from estimator.physics.library import BY_NAME
 from estimator.physics.rows import Rows
 from estimator.physics.temperature_course import share_at
@@ -24,12 +25,13 @@ def of_recording(**warming: Any) -> Rows:
 def test_a_course_is_a_cubic_before_and_one_after_its_turn() -> None:
     rows = of_recording()
     begin, length = rows.span
-    x = np.linspace(0.0, 1.0, 50)
-    before, after = (lambda x: x - 2.0 * x**2 + 0.5 * x**3), (lambda x: 0.3 - 0.7 * (x - 0.4) ** 3)
-    level = before(0.4) - after(0.4)
-    sizes = (*(before(0.4 * k / 3.0) for k in (1, 2, 3)), *(after(0.4 + 0.2 * k) + level for k in (1, 2, 3)), 0.4)
-    course = np.where(x < 0.4, before(x), after(x) + level)
-    assert share_at(rows, sizes, begin + x * length) == pytest.approx(course, abs=1e-12)
+    x, at = np.linspace(0.0, 1.0, 50), np.array([0.4 / 3.0, 0.8 / 3.0, 0.4, 0.6, 0.8, 1.0])
+
+    def course(x: Array) -> Array:
+        return x - 2.0 * x**2 + 0.5 * x**3 - 3.0 * np.maximum(x - 0.4, 0.0) + 0.7 * np.maximum(x - 0.4, 0.0) ** 3
+
+    sizes = (*course(at).tolist(), 0.4)
+    assert share_at(rows, sizes, begin + x * length) == pytest.approx(course(x), abs=1e-12)
 
 
 def test_what_is_told_of_a_course() -> None:
