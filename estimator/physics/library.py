@@ -28,6 +28,7 @@ from estimator.physics import (
     magnet_temperature,
     phase_resistance_imbalance,
     q_axis_saturation,
+    symmetric_d_axis_saturation,
     voltage_delay,
     voltage_offset,
     winding_resistance_drift,
@@ -44,7 +45,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
-        winding_temperature, magnet_temperature,
+        winding_temperature, magnet_temperature, symmetric_d_axis_saturation,
     )
 )
 

@@ -33,7 +33,7 @@ def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """
     if not (_leaves_more(found) or _has_beyond(found, given)):
         return found
-    other = with_more(found, [name for name in _BENDING if name not in found.model.effects], given)
+    other = with_more(found, _not_there_yet(found), given)
     if excess_of(other) >= excess_of(found) or len(other.choice) > MOST_EFFECTS:
         return found
     other = closely(other, given)
@@ -43,6 +43,15 @@ def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if set(found.model.effects) <= set(other.model.effects):
         return other
     return min(other, fitted(rows, given, begin=other.model), key=excess_of)
+
+
+def _not_there_yet(found: Fitted) -> list[str]:
+    """Effects that bend, of the forms of one that which is there, or the first."""
+    names = dict.fromkeys(found.model.effects)
+    for name in _BENDING:
+        if name not in names and not any(one_cause((name, 0), (other, 0)) for other in names):
+            names[name] = None
+    return [name for name in names if name not in found.model.effects]
 
 
 def begun_without_freer(rows: Rows, found: Fitted, given: Given) -> Fitted:
