@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from bench.parameters.made import Size, items, number
 from drivers.wire.dictionary import TABLE_SIDE, TABLE_SIZE
 from estimator.machine import PARAMETERS, PLAUSIBLE, Machine
-from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import curve_of, flux_of
+from estimator.physics.saturation import SATURATIONS, curve_of, flux_of
 
 BY_TIMES, BY_TABLE = 1.0, 2.0  # inverter_correction
 TURN: Final = math.tau
@@ -30,7 +29,7 @@ _SOFT: Final = 0.2  # of all that is lost, from which the softness of drops is w
 _KNEES: Final = 8.0  # to the end of such a table: 99 % of a drop
 _LEAST_SPAN: Final = 0.1  # of the largest current: the least range of a table along either axis
 _NEAR: Final = 8  # places of a flux map, through which a plane goes on
-_DROPS: Final = ("L_d_drop", "L_q_drop", "cross_drop")
+_DROPS: Final = ("L_d_drop", "L_q_drop", "cross_drop", "L_d_drop")
 _RATED: Final = (1e-3, 1e5)  # A, of any motor
 _MOST_DROP: Final = 0.9  # of an inductance
 
@@ -246,8 +245,8 @@ def saturation(recorded: Recorded) -> Compensation:
         raise UntoldError(f"expected drops of 0 to {_MOST_DROP:g}, got {', '.join(f'{drop:g}' for drop in drops)}")
     low, high, q_most, note = _range_of(recorded)
     i_d, i_q = np.linspace(low, high, TABLE_SIDE), np.linspace(0.0, q_most, TABLE_SIDE)
-    d, q, cross = drops
-    psi = flux_of(curve_of(machine, i_rated, (d, q, cross)), machine, np.add.outer(i_d, 1j * i_q).ravel())
+    d, q, cross, symmetric = drops
+    psi = flux_of(curve_of(machine, i_rated, (d, q, cross), symmetric), machine, np.add.outer(i_d, 1j * i_q).ravel())
     return Compensation(there, _saturation_values(low, high, q_most, psi.real, psi.imag), note)
 
 
@@ -339,6 +338,7 @@ FLUX_MAP: Final = "flux_map"
 TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "inverter_voltage_error": inverter,
     "d_axis_saturation": saturation,
+    "symmetric_d_axis_saturation": saturation,
     "q_axis_saturation": saturation,
     "cross_saturation": saturation,
     FLUX_MAP: saturation,
@@ -351,6 +351,8 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "iron_loss": "part of the current makes heat and no torque, the more the faster it turns",
     "winding_resistance_drift": "the current control's integral takes it; control_R_s is that at the start",
     "magnet_flux_drift": "torque per ampere changes with it; control_psi_f is that at the start",
+    "winding_temperature": "the current control's integral takes it; control_R_s is that at the start",
+    "magnet_temperature": "torque per ampere changes with it; control_psi_f is that at the start",
     "magnet_flux_step": "torque per ampere is lower from then on; control_psi_f is that before",
     "flux_harmonics": "torque ripples at 6 and 12 times the electrical frequency",
     "inductance_harmonics": "torque ripples at 6 times the electrical frequency under current",

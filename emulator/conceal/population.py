@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from emulator.bounds import Points
 from emulator.conceal.chance import Chance
 from emulator.plant.machine import Machine
 
-Sections = dict[str, dict[str, float]]  # keys of `[effects.*]`
+Sections = dict[str, dict[str, float | Points]]  # keys of `[effects.*]`
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Final
 
 from emulator.conceal.chance import Chance
 from emulator.conceal.measuring_chain import CHAIN, stray_along
+from emulator.conceal.outside_warmth import OUTSIDE
 from emulator.conceal.population import Population, Sections, Setting
 from emulator.plant.machine import Machine
 from emulator.plant.physics.saturation import Saturation, saturation_curve
@@ -22,6 +23,9 @@ KINDS: Final = ("none", "one", "two", "three", "stranger")
 
 CHAINED: Final = "chained"
 """One class of the measuring chain: a kind that is asked for by name alone, so that all kinds stay as they were."""
+
+WARMED: Final = "warmed"
+"""One class of outside warmth, by name alone likewise."""
 
 _DEGREE: Final = math.pi / 180.0
 _LARGEST_DROP: Final = 0.45
@@ -287,7 +291,7 @@ STRANGERS: Final[Mapping[str, Population]] = {
 }  # fmt: skip
 """Disturbances that are in nobody's library."""
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN}
+POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE}
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
@@ -298,6 +302,8 @@ def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
         return (chance.one_of(tuple(STRANGERS)),)
     if kind == CHAINED:
         return (chance.one_of(tuple(CHAIN)),)
+    if kind == WARMED:
+        return (chance.one_of(tuple(OUTSIDE)),)
     names: tuple[str, ...] = ()
     for _ in range(KINDS.index(kind)):
         free = [name for name in EFFECTS if not any(_contradict(name, other) for other in names)]

@@ -164,9 +164,9 @@ def _surroundings(chance: Chance, name: str, u_dc: float) -> Sections:
     """A dc link that sags in half of the runs, rows that are lost in a fifth."""
     sags, loses = chance.happens(0.5), chance.happens(0.2)
     R = chance.log_uniform(0.002, 0.03) * u_dc**2 / MOTORS[name].P_rated
-    link = {"R": R, "C": chance.log_uniform(5e-3, 5e-2) / R}
-    lost = chance.log_uniform(1e-4, 3e-3)
-    return ({"dc_link": link} if sags else {}) | ({"timing": {"lost": lost}} if loses else {})
+    link: Sections = {"dc_link": {"R": R, "C": chance.log_uniform(5e-3, 5e-2) / R}}
+    lost: Sections = {"timing": {"lost": chance.log_uniform(1e-4, 3e-3)}}
+    return (link if sags else {}) | (lost if loses else {})
 
 
 def _shaft(chance: Chance, machine: Machine, tau_rated: float) -> Sections:

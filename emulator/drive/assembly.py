@@ -11,6 +11,7 @@ from emulator.plant.mechanics import Shaft
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.flux_map import FluxMap, hessian
 from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.warming import courses_of
 from emulator.plant.sensors import Sensors
 from emulator.scenario.effects import curve_of, flux_map_of, knee_of
 from emulator.scenario.scenarios import FILTERED, Scenario
@@ -21,12 +22,14 @@ def bench_of(scenario: Scenario) -> Bench:
     drive, run, effects = scenario.drive, scenario.run, scenario.effects
     motor, plant = plant_of_scenario(scenario)
     course = course_of(motor, run.temperature_profile or ((0.0, run.temperature),))
-    moves = bool(run.temperature_profile) or effects.thermal.C_w > 0.0 or effects.demagnetisation != Demagnetisation()
+    magnets_move = effects.demagnetisation != Demagnetisation() or bool(effects.warming.magnets)
+    moves = bool(run.temperature_profile) or effects.thermal.C_w > 0.0 or magnets_move
     return Bench(
         plant=plant,
         course=course,
         thermal=effects.thermal,
         demagnetisation=effects.demagnetisation,
+        warming=courses_of(effects.warming),
         telegraph=effects.telegraph,
         sensors=Sensors(
             drive.noise_i,

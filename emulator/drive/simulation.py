@@ -31,6 +31,7 @@ from emulator.plant.mechanics import profile_speed
 from emulator.plant.modulation import Duties, modulated, voltage_of
 from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
+from emulator.plant.physics import warming as warmings
 from emulator.plant.physics.angle_signal import Tracked, followed, sensed
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.demagnetisation import Demagnetisation
@@ -52,6 +53,7 @@ class Bench(NamedTuple):
     course: Course  # what temperature makes of the machine over time, where it is prescribed
     thermal: Thermal
     demagnetisation: Demagnetisation
+    warming: warmings.Courses
     telegraph: Telegraph
     sensors: Sensors
     voltage: VoltageSensing
@@ -95,6 +97,10 @@ def machine_now(bench: Bench, t: float, heat: Temperatures) -> Machine:
         psi_f *= thermals.flux_factor(bench.thermal, heat)
     if bench.demagnetisation.share > 0.0:
         psi_f *= demagnetisations.flux_factor(bench.demagnetisation, t)
+    if len(bench.warming.winding) > 0:
+        R_s *= warmings.factor_at(bench.warming.winding, t)
+    if len(bench.warming.magnets) > 0:
+        psi_f *= warmings.factor_at(bench.warming.magnets, t)
     return Machine(R_s, m.L_d, m.L_q, psi_f, m.n_p, m.i_rated, m.J, m.B)
 
 

@@ -73,6 +73,7 @@ from emulator.plant.machine import at_temperature
 from emulator.plant.physics.sensing import read_voltage
 from emulator.plant.physics.thermal import Temperatures
 from emulator.plant.physics.timing import kept
+from emulator.plant.physics.warming import factors_at
 from emulator.scenario.scenarios import SAFE_TORQUE_OFF, Scenario, check, overspeed_of
 
 Column = NDArray[np.float64]
@@ -254,6 +255,8 @@ class VirtualDrive:
         temperature, R_s, L_d, L_q = np.ascontiguousarray(rows_at(self._bench.course, np.array(t, np.float64)).T)
         step = self._bench.demagnetisation
         left = 1.0 - step.share * np.clip((np.asarray(t) - step.time) / step.duration, 0.0, 1.0)
+        winding, magnets = self._bench.warming
+        R_s, left = R_s * factors_at(winding, t), left * factors_at(magnets, t)
         psi_f: Column = np.array(self._bench.plant.machine.psi_f * np.broadcast_to(left, R_s.shape), np.float64)
         return dict(zip(_TRUTH, (R_s, L_d, L_q, psi_f, temperature, temperature.copy()), strict=True))
 

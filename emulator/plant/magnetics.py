@@ -56,9 +56,10 @@ def _smooth_current(m: Magnetics, flux_map: FluxMap, psi: complex) -> complex:
     if m.mapped:
         return gradient(flux_map, psi) - m.i_f
     psi_d, psi_q = psi.real, psi.imag
-    a_d, a_q, c = m.curve
+    a_d, a_q, c, e_d = m.curve
+    added = psi_d - m.psi_f
     return complex(
-        (m.g_d + a_d * psi_d * psi_d + c * psi_q * psi_q) * psi_d - m.i_f,
+        (m.g_d + a_d * psi_d * psi_d + c * psi_q * psi_q) * psi_d - m.i_f + e_d * added * added * added,
         (m.g_q + a_q * psi_q * psi_q + c * psi_d * psi_d) * psi_q,
     )
 
@@ -69,8 +70,9 @@ def _smooth_energy(m: Magnetics, flux_map: FluxMap, psi: complex) -> float:
     if m.mapped:
         return energy(flux_map, psi) - m.i_f * psi.real
     d, q = psi.real**2, psi.imag**2
-    a_d, a_q, c = m.curve
-    return 0.5 * (m.g_d * d + m.g_q * q + c * d * q) + 0.25 * (a_d * d * d + a_q * q * q) - m.i_f * psi.real
+    a_d, a_q, c, e_d = m.curve
+    even = 0.25 * e_d * (psi.real - m.psi_f) ** 4
+    return 0.5 * (m.g_d * d + m.g_q * q + c * d * q) + 0.25 * (a_d * d * d + a_q * q * q) - m.i_f * psi.real + even
 
 
 @kernel

@@ -29,6 +29,7 @@ from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
 from emulator.plant.physics.thermal import Thermal
 from emulator.plant.physics.timing import Timing
 from emulator.plant.physics.turn_short import TurnShort, loop_inductance
+from emulator.plant.physics.warming import Warming
 
 
 class MapFile(NamedTuple):
@@ -62,6 +63,7 @@ class Effects(NamedTuple):
     stray: Stray = Stray()
     telegraph: Telegraph = Telegraph()
     resonance: Resonance = Resonance()
+    warming: Warming = Warming()
 
 
 NONE = Effects()
@@ -174,7 +176,8 @@ def _check_filter(tau: float, h: float, where: str) -> None:
 def _check_steps(effects: Effects, motor: Machine, h: float, where: str) -> None:
     """What moves too fast for an integration step h (s)."""
     iron, branch, short, skin = effects.iron_loss, effects.resonance, effects.turn_short, effects.skin
-    R = motor.R_s + rung_resistance(skin, motor.R_s) + 2.0 * effects.inverter.r_on
+    warmest = 1.0 + max((share for _, share in effects.warming.winding), default=0.0)
+    R = motor.R_s * warmest + rung_resistance(skin, motor.R_s) + 2.0 * effects.inverter.r_on
     if R * h > 0.5 * min(motor.L_d, motor.L_q):
         raise ScenarioError(
             f"{where}skin and inverter.r_on take resistances of at most {0.5 * min(motor.L_d, motor.L_q) / h:.4g} ohm "

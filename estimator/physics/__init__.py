@@ -7,6 +7,7 @@ Every effect's file says the equation, its source, its units and what it can be 
 * `effect` - what an effect is, and of which kinds: it adds a voltage, changes the machine, or errs a sensor;
   `library` - all of them
 * `saturation`, `magnet_flux`, `flux_map` - changes of the flux linkage, and what several effects of it share
+* `temperature_course` - what follows a temperature from outside, and how it is told
 * `current_sensing`, `angle_sensing` - errors of sensors, and what they share; `bridge` - what a switched bridge loses
 * `convention_error` - a recording that follows another convention: no physics, but told likewise
 

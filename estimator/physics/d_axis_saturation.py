@@ -12,7 +12,7 @@ EFFECT = FluxChange(
     (Parameter("L_d_drop", "1", constant(0.15), constant(0.0), constant(0.6)),),
     no_shapes,
     "L_d falls as i_d rises, in proportion to speed on the q axis and to the change of i_d on the d axis",
-    ("magnet_flux_drift", "cross_saturation"),
+    ("symmetric_d_axis_saturation", "magnet_flux_drift", "cross_saturation"),
     bends=True,
     discrepancy=3e-5,
 )

@@ -25,11 +25,14 @@ from estimator.physics import (
     leg_voltage_offset,
     magnet_flux_drift,
     magnet_flux_step,
+    magnet_temperature,
     phase_resistance_imbalance,
     q_axis_saturation,
+    symmetric_d_axis_saturation,
     voltage_delay,
     voltage_offset,
     winding_resistance_drift,
+    winding_temperature,
 )  # fmt: skip
 from estimator.physics.effect import Effect, Sizes
 
@@ -42,6 +45,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
+        winding_temperature, magnet_temperature, symmetric_d_axis_saturation,
     )
 )
 

@@ -1,4 +1,5 @@
-"""The magnets' flux linkage as it changes within a recording: what `magnet_flux_drift` and `magnet_flux_step` share.
+"""The magnets' flux linkage as it changes within a recording: what `magnet_flux_drift`, `magnet_flux_step` and
+`magnet_temperature` share.
 
 On a curve that saturates, the inductances rise as magnets lose flux: see `saturation`.
 """
@@ -13,9 +14,11 @@ from estimator.arrays import Array
 from estimator.kernel import kernel
 from estimator.physics.effect import Sizes
 from estimator.physics.rows import Rows
+from estimator.physics.temperature_course import share_at
 
 DRIFT: Final = "magnet_flux_drift"
 STEP: Final = "magnet_flux_step"
+TEMPERATURE: Final = "magnet_temperature"
 _BEFORE: Final = 0.5  # of the magnets' time constant, that what warms them has at most
 
 
@@ -44,7 +47,14 @@ def _stepped(t: Array, middle: float, duration: float, change: float) -> Array:
     return course
 
 
-CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Array]]] = {DRIFT: drifted, STEP: stepped}
+def from_outside(rows: Rows, sizes: Sizes) -> Array:
+    """Change with a temperature from outside, Vs at samples."""
+    return rows.machine.psi_f * share_at(rows, sizes, rows.t)
+
+
+CHANGES: Final[Mapping[str, Callable[[Rows, Sizes], Array]]] = {
+    DRIFT: drifted, STEP: stepped, TEMPERATURE: from_outside,
+}
 
 
 def change_of(rows: Rows, effects: Mapping[str, Sizes]) -> Array | float:

@@ -22,7 +22,7 @@ EFFECT = FluxChange(
     ),
     lambda _rows: ((0.25, 0.01), (0.8, 0.01)),
     "back-EMF that falls with time at the same speed",
-    ("magnet_flux_step", "d_axis_saturation"),
+    ("magnet_flux_step", "magnet_temperature", "d_axis_saturation"),
     told=lambda rows, p: {"change": (p[0], "1"), "time_constant": (p[1] * rows.span[1], "s")},
     in_proportion_to="psi_f",
     discrepancy=2e-4,

@@ -20,7 +20,7 @@ EFFECT = FluxChange(
     ),
     lambda _rows: tuple((k / 32.0, 1e-3) for k in range(1, 32)),
     "back-EMF that is lower from one moment on",
-    ("magnet_flux_drift",),
+    ("magnet_flux_drift", "magnet_temperature"),
     told=lambda rows, p: {
         "change": (p[0], "1"), "time": (rows.span[0] + p[1] * rows.span[1], "s"), "duration": (p[2], "s"),
     },

@@ -63,7 +63,7 @@ class Rows:
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
-    curvature: tuple[float, float, float] = (0.0, 0.0, 0.0)  # a_d, a_q, c of the saturation curve, A/Vs^3
+    curvature: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # a_d, a_q, c, e_d of the curve, A/Vs^3
     R_s_ratio: Array | float = 1.0  # of each period: R_s over that at the start
     R_s_excess: tuple[float, float] = (0.0, 0.0)  # ohm, alpha and beta, by which phases have more; see `by_phase`
     psi_f_ratio: Array | float = 1.0  # at samples: psi_f over that at the start
@@ -334,9 +334,11 @@ class Rows:
 
     def _change_of_stiffness(self, psi: Vector, other: Vector) -> Stiffness:
         """From one flux linkage (Vs) to another along the saturation curve."""
-        a_d, a_q, c = self.curvature
+        a_d, a_q, c, e_d = self.curvature
+        magnets = self.machine.psi_f * self.psi_f_ratio
         d, q = psi.real**2 - other.real**2, psi.imag**2 - other.imag**2
-        dd, qq = 3.0 * a_d * d + c * q, 3.0 * a_q * q + c * d
+        around = (psi.real - magnets) ** 2 - (other.real - magnets) ** 2
+        dd, qq = 3.0 * (a_d * d + e_d * around) + c * q, 3.0 * a_q * q + c * d
         dq = 2.0 * c * (psi.real * psi.imag - other.real * other.imag)
         return Stiffness(0.5 * (dd + qq), 0.5 * (dd - qq) + 1j * dq)
 

@@ -1,6 +1,7 @@
-"""The saturation curve that the three effects of saturation share: current from flux linkage, by one energy.
+"""The saturation curve that the effects of saturation share: current from flux linkage, by one energy.
 
-    i_d = g_d psi_d + a_d psi_d^3 + c psi_d psi_q^2 - i_F        i_q = g_q psi_q + a_q psi_q^3 + c psi_d^2 psi_q
+    i_d = g_d psi_d + a_d psi_d^3 + e_d (psi_d - psi_m)^3 + c psi_d psi_q^2 - i_F
+    i_q = g_q psi_q + a_q psi_q^3 + c psi_d^2 psi_q
 
 psi_d holds the magnets' flux; i_d is zero at psi_m, that of the magnets, where i_F = g_d psi_m + a_d psi_m^3. It is
 psi_f at the start: a drift or a step of it moves where on the curve the machine works, so that inductances rise as
@@ -30,6 +31,9 @@ _STEP_SQUARED: Final = 1e-7  # of the magnets' flux: such a step is followed by 
 
 EFFECTS: Final = ("d_axis_saturation", "q_axis_saturation", "cross_saturation")
 """The three, in the order of `curve_of`."""
+SYMMETRIC: Final = "symmetric_d_axis_saturation"
+"""In the place of the first: psi_d bends around that of the magnets."""
+SATURATIONS: Final = (*EFFECTS, SYMMETRIC)
 HARMONIC: Final = "inductance_harmonics"
 
 
@@ -41,17 +45,19 @@ class Curve(NamedTuple):
     a_d: float  # A/Vs^3
     a_q: float
     c: float
+    e_d: float
 
 
-def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float]) -> Curve:
-    """For drops of L_d along i_d, of L_q along i_q, and of L_q along i_d."""
+def curve_of(machine: Machine, i_rated: float, drops: tuple[float, float, float], symmetric: float = 0.0) -> Curve:
+    """For drops of L_d along i_d, of L_q along i_q, of L_q along i_d, and of L_d along i_d alike for both signs."""
     L_d_drop, L_q_drop, cross_drop = drops
     L_d, L_q, psi_f = machine.L_d, machine.L_q, machine.psi_f
     added_d, added_q = (1.0 - L_d_drop) * L_d * i_rated, (1.0 - L_q_drop) * L_q * i_rated
     a_d = L_d_drop * i_rated / (3.0 * psi_f * added_d**2 + added_d**3)
     a_q = L_q_drop * i_rated / added_q**3
     c = cross_drop / (1.0 - cross_drop) / L_q / (2.0 * psi_f * added_d + added_d**2)
-    return Curve(*map(float, (1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2, a_d, a_q, c)))
+    e_d = symmetric * i_rated / ((1.0 - symmetric) * L_d * i_rated) ** 3
+    return Curve(*map(float, (1.0 / L_d - 3.0 * a_d * psi_f**2, 1.0 / L_q - c * psi_f**2, a_d, a_q, c, e_d)))
 
 
 def flux_of(curve: Curve, machine: Machine, i: Vector) -> Vector:
@@ -72,14 +78,16 @@ def _on_curve(i: Vector, curve: Curve, L_d: float, L_q: float, psi_m: Array, har
 @kernel
 def _flux_at(i: complex, curve: Curve, L_d: float, L_q: float, psi_m: float, harmonic: float) -> complex:
     """Flux linkage (Vs) at a current (A), by Newton's method."""
-    a_d, a_q, c = curve.a_d, curve.a_q, curve.c
+    a_d, a_q, c, e_d = curve.a_d, curve.a_q, curve.c, curve.e_d
     g_d, g_q = curve.g_d + harmonic, curve.g_q + harmonic
     i_F = (g_d + a_d * psi_m * psi_m) * psi_m
     d, q = psi_m + L_d * i.real, L_q * i.imag
     for _ in range(_FLUX_STEPS):
-        miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real
+        added = d - psi_m
+        miss_d = (g_d + a_d * d * d + c * q * q) * d - i_F - i.real + e_d * added * added * added
         miss_q = (g_q + a_q * q * q + c * d * d) * q - i.imag
-        dd, qq, dq = g_d + 3.0 * a_d * d * d + c * q * q, g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
+        dd = g_d + 3.0 * a_d * d * d + c * q * q + 3.0 * e_d * added * added
+        qq, dq = g_q + 3.0 * a_q * q * q + c * d * d, 2.0 * c * d * q
         over = 1.0 / (dd * qq - dq * dq)
         step_d, step_q = (qq * miss_d - dq * miss_q) * over, (dd * miss_q - dq * miss_d) * over
         # Far out, where the curve bends, a whole step would overshoot
@@ -97,46 +105,47 @@ def saturated(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Vector, Stiffne
     curve, (psi_m, harmonic) = _curve(rows, effects), _flux_beside(rows, effects)
     psi = _on_curve(rows.i, curve, float(rows.machine.L_d), float(rows.machine.L_q), psi_m, harmonic)
     a, b = np.empty(len(psi)), np.empty(len(psi), np.complex128)
-    _add_stiffness(a, b, curve, psi, harmonic)
+    _add_stiffness(a, b, curve, psi, psi_m, harmonic)
     return psi, Stiffness(a, b)
 
 
 @kernel
-def _add_stiffness(a: Array, b: Vector, curve: Curve, psi: Vector, harmonic: Array) -> None:
+def _add_stiffness(a: Array, b: Vector, curve: Curve, psi: Vector, psi_m: Array, harmonic: Array) -> None:
     for k in range(len(psi)):
-        a[k], b[k] = _stiffness_at(curve, psi[k], harmonic[k])
+        a[k], b[k] = _stiffness_at(curve, psi[k], psi_m[k], harmonic[k])
 
 
 @kernel
-def _stiffness_at(curve: Curve, psi: complex, harmonic: float) -> tuple[float, complex]:
-    """d(i)/d(psi) at a flux linkage (Vs), 1/H: see `Stiffness`."""
+def _stiffness_at(curve: Curve, psi: complex, psi_m: float, harmonic: float) -> tuple[float, complex]:
+    """d(i)/d(psi) at a flux linkage (Vs), of which magnets make psi_m, 1/H: see `Stiffness`."""
     d, q = psi.real, psi.imag
-    dd = curve.g_d + 3.0 * curve.a_d * d * d + curve.c * q * q
+    dd = curve.g_d + 3.0 * curve.a_d * d * d + curve.c * q * q + 3.0 * curve.e_d * (d - psi_m) ** 2
     qq = curve.g_q + 3.0 * curve.a_q * q * q + curve.c * d * d
     return 0.5 * (dd + qq) + harmonic, complex(0.5 * (dd - qq), 2.0 * curve.c * d * q)
 
 
 @kernel
-def _mean_of_ripple(curve: Curve, psi: complex, size: float, square: complex) -> complex:
+def _mean_of_ripple(curve: Curve, psi: complex, psi_m: float, size: float, square: complex) -> complex:
     """Mean current (A) that a ripple of the flux linkage around psi (Vs) makes on a bent curve; of the ripple (Vs^2)
     see `Rows.power_of_pulses`.
     """
     a_d, a_q, c, d, q = curve.a_d, curve.a_q, curve.c, psi.real, psi.imag
     d_d, q_q, d_q = 0.5 * (size + square.real), 0.5 * (size - square.real), 0.5 * square.imag
     return complex(
-        3.0 * a_d * d * d_d + 2.0 * c * q * d_q + c * d * q_q, c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q
+        3.0 * (a_d * d + curve.e_d * (d - psi_m)) * d_d + 2.0 * c * q * d_q + c * d * q_q,
+        c * q * d_d + 2.0 * c * d * d_q + 3.0 * a_q * q * q_q
     )
 
 
-def curvature(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[float, float, float]:
-    """a_d, a_q and c of their curve, A/Vs^3."""
+def curvature(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[float, float, float, float]:
+    """a_d, a_q, c and e_d of their curve, A/Vs^3."""
     curve = _curve(rows, effects)
-    return curve.a_d, curve.a_q, curve.c
+    return curve.a_d, curve.a_q, curve.c, curve.e_d
 
 
 def _curve(rows: Rows, effects: Mapping[str, Sizes]) -> Curve:
-    d, q, cross = (effects[name][0] if name in effects else 0.0 for name in EFFECTS)
-    return curve_of(rows.machine, rows.i_rated, (d, q, cross))
+    d, q, cross, symmetric = (effects[name][0] if name in effects else 0.0 for name in SATURATIONS)
+    return curve_of(rows.machine, rows.i_rated, (d, q, cross), symmetric)
 
 
 def _flux_beside(rows: Rows, effects: Mapping[str, Sizes]) -> tuple[Array, Array]:
@@ -171,27 +180,29 @@ def _added(
     """Voltage (V) of each period that the curve adds to that of constant inductances, whose mean current is i_mean."""
     added = np.empty(len(half), np.complex128)
     psi_1 = _flux_at(i[0], curve, L_d, L_q, psi_m[0], harmonic[0])
-    a_1, b_1 = _stiffness_at(curve, psi_1, harmonic[0])
+    a_1, b_1 = _stiffness_at(curve, psi_1, psi_m[0], harmonic[0])
     more_1 = psi_1 - complex(psi_f + L_d * i[0].real, L_q * i[0].imag)
     for k in range(len(half)):
         psi_0, a_0, b_0, more_0 = psi_1, a_1, b_1, more_1
         i_1, after, before = i[k + 1], half[k], half[k].conjugate()
         psi_1 = _flux_at(i_1, curve, L_d, L_q, psi_m[k + 1], harmonic[k + 1])
-        a_1, b_1 = _stiffness_at(curve, psi_1, harmonic[k + 1])
+        a_1, b_1 = _stiffness_at(curve, psi_1, psi_m[k + 1], harmonic[k + 1])
         more_1 = psi_1 - complex(psi_f + L_d * i_1.real, L_q * i_1.imag)
         s_0 = slope_of(i[k], u[k] * after, speed[k], R_s, psi_0, a_0, b_0)
         s_1 = slope_of(i_1, u[k] * before, speed[k + 1], R_s, psi_1, a_1, b_1)
         mean = mean_between(i[k], i_1, s_0, s_1, after, T_s)
         if len(moment) > 0:
             mean += mean_of_pulses(moment[k], D[k] / T_s, R_s, a_0, b_0)
-            mean += _mean_of_ripple(curve, 0.5 * (after * psi_1 + before * psi_0), size[k], square[k])
+            mean += _mean_of_ripple(
+                curve, 0.5 * (after * psi_1 + before * psi_0), psi_m[k + 1], size[k], square[k]
+            )
         added[k] = (after * more_1 - before * more_0) * (1.0 / T_s) + R_s * (mean - i_mean[k])
     return added
 
 
 def bends(effects: Collection[str]) -> bool:
-    """There is one of the three, or a harmonic of the inductances: flux linkages are no straight lines."""
-    return any(name in effects for name in (*EFFECTS, HARMONIC))
+    """There is a saturation, or a harmonic of the inductances: flux linkages are no straight lines."""
+    return any(name in effects for name in (*SATURATIONS, HARMONIC))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

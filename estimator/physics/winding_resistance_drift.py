@@ -57,7 +57,7 @@ EFFECT = ResistanceChange(
     ),
     lambda _rows: ((0.5,), (5.0,)),
     "R_s that moves with time, as the losses so far",
-    ("magnet_flux_drift", "ac_resistance"),
+    ("winding_temperature", "magnet_flux_drift", "ac_resistance"),
     adds=voltage,
     told=lambda rows, p: {
         "rise": (p[0] + p[2] * math.expm1(-1.0 / p[1]), "1"), "time_constant": (p[1] * rows.span[1], "s"),

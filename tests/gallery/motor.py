@@ -21,6 +21,7 @@ from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.skin import Skin
 from emulator.plant.physics.thermal import Thermal
 from emulator.plant.physics.turn_short import TurnShort
+from emulator.plant.physics.warming import Warming
 from emulator.scenario.effects import MapFile
 from emulator.scenario.motors import MOTORS
 from tests.emulator.plant.physics.effect_runs import (
@@ -39,7 +40,7 @@ from tests.emulator.plant.physics.effect_runs import (
     voltages,
     with_effects,
 )
-from tests.gallery.picture import IDEAL, A, D, Picture, Q, bars, degrees, dq, label
+from tests.gallery.picture import IDEAL, A, D, Picture, Q, bars, degrees, dq, label, ms
 from tests.support.real_data import REAL_DATA
 
 _MAP: Final = REAL_DATA / "baldor_flux_map" / "baldor_400rpm_map.npz"
@@ -190,6 +191,23 @@ def _thermal(panels: Sequence[Axes]) -> None:
     label(panels[2], "The magnets' flux linkage", "time in s", "mVs")
 
 
+def _warming(panels: Sequence[Axes]) -> None:
+    winding, magnets = ((0.0, 0.0), (0.4, 0.2), (1.0, 0.05)), ((0.0, 0.0), (0.6, -0.04), (1.0, -0.02))
+    warming = Warming(winding, magnets)
+    for i, colour in ((2.0, D), (6.0, Q)):
+        r = steady(with_effects(i_dq=complex(i, 0.0), run=at(25.0), warming=warming), 0.02, 1.0)
+        t, omega_e = ms(r), r["omega_e"]
+        panels[0].plot(t, r["i_d"], color=colour, label=f"{i:g} A")
+        panels[1].plot(t, voltages(r).real / i, color=colour, label=f"u_d / i_d at {i:g} A")
+        psi = 1e3 * (voltages(r).imag / omega_e - SALIENT.L_d * i)
+        panels[2].plot(t, psi, color=colour, label=f"u_q / omega_e - L_d i_d at {i:g} A")
+    panels[1].axhline(SALIENT.R_s, color=IDEAL, label="ideal")
+    panels[2].axhline(1e3 * SALIENT.psi_f, color=IDEAL, label="ideal")
+    label(panels[0], "Two currents that are held", "time in ms", "A")
+    label(panels[1], "The winding's resistance follows the same course", "time in ms", "ohm")
+    label(panels[2], "and so does the magnets' flux linkage", "time in ms", "mVs")
+
+
 def _demagnetisation(panels: Sequence[Axes]) -> None:
     for share, ls in ((0.0, IDEAL), (0.1, "")):
         drive = VirtualDrive(with_effects(i_dq=4j, run=at(50.0), demagnetisation=Demagnetisation(share, 0.12, 2e-3)))
@@ -333,6 +351,12 @@ PICTURES: Final = {
         "R_s rises and psi_f falls, each with its own time constant: the winding leads, the magnets follow.",
         "Demagnetisation takes psi_f at once and for good; a drop of the inverter looks like R_s, but does not drift.",
         _thermal,
+    ),
+    "warming": Picture(
+        "Warmth from outside",
+        "R_s and psi_f follow temperatures that no loss of this machine makes, along one course whatever the current.",
+        "A winding that its own losses warm follows the load: the square of the current, summed up.",
+        _warming,
     ),
     "demagnetisation": Picture(
         "Partial demagnetisation",

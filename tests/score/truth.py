@@ -6,7 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
+from emulator.bounds import Points
 from emulator.conceal.measuring_chain import CHAIN
+from emulator.conceal.outside_warmth import OUTSIDE
 from emulator.conceal.populations import KINDS, STRANGERS
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
@@ -42,11 +46,13 @@ EFFECT: Final[Mapping[str, str]] = {
     "angle_tracked": "angle_tracking",
     "angle_signals": "angle_sensor_error",
     "leg_voltages": "leg_voltage_offset",
+    "winding_warmed": "winding_temperature",
+    "magnets_warmed": "magnet_temperature",
 }
 """Name that a diagnosis gives to a class."""
 
-UNCHAINED: Final = tuple(name for name in EFFECT if name not in CHAIN)
-"""Classes of populations whose drives have no measuring chain."""
+UNCHAINED: Final = tuple(name for name in EFFECT if name not in (*CHAIN, *OUTSIDE))
+"""Classes of populations whose drives have no measuring chain, and nothing outside that warms them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,6 +262,24 @@ def _leg_voltages(scenario: Scenario, _periods: int) -> Sizes:
     return _together({f"offset_{x}": (along * cmath.exp(-1j * n * third)).real for n, x in enumerate("abc")}, "V")
 
 
+def _warmed(part: str, most: str, unit: str) -> Callable[[Scenario, int], Sizes]:
+    """`most`: the name that the largest share is told by."""
+
+    def sizes(scenario: Scenario, periods: int) -> Sizes:
+        points: Points = getattr(scenario.effects.warming, part)
+        t, share = ([point[n] for point in points] for n in (0, 1))
+        value = scenario.motor.R_s if part == "winding" else scenario.motor.psi_f
+        largest, end = max(share, key=abs), periods * scenario.drive.T_s
+        at = {"at_half": 0.5 * end, "at_end": end}
+        course = {
+            name: Size(value * (1.0 + float(np.interp(x, t, share))), value * abs(largest), unit)
+            for name, x in at.items()
+        }
+        return {most: Size(largest, abs(largest), "1"), **course}
+
+    return sizes
+
+
 _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "inverter_voltage_error": _inverter,
     "d_axis_saturation": _saturation("L_d_drop"),
@@ -283,4 +307,6 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "angle_tracking": _tracking,
     "angle_sensor_error": _signals,
     "leg_voltage_offset": _leg_voltages,
+    "winding_temperature": _warmed("winding", "rise", "ohm"),
+    "magnet_temperature": _warmed("magnets", "change", "Vs"),
 }

@@ -46,7 +46,9 @@ _TELLS_MORE: Final = 1.02  # times as much that another hold has to tell
 _WELL: Final = 0.1  # of a parameter's tolerance: told well
 _SAME_HELD: Final = 0.15  # of rated current, of the fastest speed: within it, one level
 _MOST_ODDS: Final = 1e12
-_TIMED: Final = frozenset({"winding_resistance_drift", "magnet_flux_drift", "magnet_flux_step"})
+_TIMED: Final = frozenset({
+    "winding_resistance_drift", "winding_temperature", "magnet_flux_drift", "magnet_flux_step", "magnet_temperature",
+})
 """What moves with time alone, which no level tells."""
 _NO_EXPERIMENT: Final = (
     "no levels of speed and current can be chosen that would tell; see that the recording is of one machine, and of "

@@ -58,7 +58,7 @@ def told_sizes(
         covariance = search.scattered(fit, search.free_covariance(found.choice), one)
         covariance = covariance + search.form_covariance(found.choice) + search.untold_covariance(found.choice)
 
-    def values(p: Sequence[float]) -> dict[str, tuple[float, str]]:
+    def values(p: Sequence[float], rows: Rows = rows) -> dict[str, tuple[float, str]]:
         if effect.told is not None:
             return effect.told(rows, p)
         return {parameter.name: (p[k], parameter.unit) for k, parameter in enumerate(effect.parameters)}
@@ -70,6 +70,13 @@ def told_sizes(
         there = values([size + h * (n == k) for n, size in enumerate(sizes)])
         for name in here:
             slopes[name][place] = (there[name][0] - here[name][0]) / h
+    if effect.in_proportion_to:
+        k = PARAMETERS.index(effect.in_proportion_to)
+        size = getattr(rows.machine, effect.in_proportion_to)
+        other = rows.with_machine(replace(rows.machine, **{effect.in_proportion_to: size * (1.0 + _SIZE_STEP)}))
+        there = values(sizes, other)
+        for name in here:
+            slopes[name][fit.places.index(k)] = (there[name][0] - here[name][0]) / (_SIZE_STEP * size)
     told: dict[str, Quantity] = {}
     for name, (value, unit) in here.items():
         variance = float(slopes[name] @ covariance @ slopes[name])

@@ -26,8 +26,7 @@ from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, Res
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import EFFECTS as SATURATIONS
-from estimator.physics.saturation import FluxChange, bends, voltage_together
+from estimator.physics.saturation import SATURATIONS, FluxChange, bends, voltage_together
 from estimator.twin.model import (
     Model,
     flux_changes,

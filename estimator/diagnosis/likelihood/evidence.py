@@ -56,6 +56,18 @@ def one_cause(one: tuple[str, int], other: tuple[str, int]) -> bool:
     return BY_NAME[one[0]].other_form_of == other[0] or BY_NAME[other[0]].other_form_of == one[0]
 
 
+def sizes_more(one: tuple[str, int], other: tuple[str, int]) -> int:
+    """By how many sizes an effect is the freer form of another's cause; 0 where it is none."""
+    more = len(BY_NAME[one[0]].sizes) - len(BY_NAME[other[0]].sizes)
+    return max(more, 0) if one_cause(one, other) else 0
+
+
+def is_freer(name: str) -> bool:
+    """An effect has more sizes than the one whose other form it is."""
+    other = BY_NAME[name].other_form_of
+    return bool(other) and len(BY_NAME[name].sizes) > len(BY_NAME[other].sizes)
+
+
 class Search:
     """Sets of effects over one regression."""
 
@@ -300,6 +312,13 @@ class Search:
         total = BEND_MISSED * max(self.plain().chi2 - self.fit(choice).chi2, 0.0) if self.bent else 0.0
         return total + sum(BY_NAME[one[0]].discrepancy * max(self.explained(choice, one), 0.0) for one in choice)
 
+    def due_of_freer(self, choice: Choice, one: tuple[str, int], other: tuple[str, int]) -> float:
+        """Chi square that an effect of a set has to explain beyond another form of its cause, where it is freer: for
+        each size more what an effect has to, for noise as it scatters.
+        """
+        sizes = sizes_more(one, other)
+        return 2.0 * ENTRY_LOG_ODDS * sizes * self.scatter(self.fit(choice), one) if sizes else 0.0
+
     def lent(self, choice: Choice, more: tuple[str, int], *, faint: bool) -> float:
         """What of chi square the equations of a set's effects may lend another: no one looks like half of all left.
 
@@ -392,7 +411,10 @@ class Search:
         for one in choice:
             rest = tuple(c for c in choice if c != one)
             for other in self._free(rest):
-                if other == one or (there := self.fit((*rest, other)).log_evidence) <= at + 1e-6:
+                if other == one:
+                    continue
+                due = 0.5 * self.due_of_freer((*rest, other), other, one)
+                if (there := self.fit((*rest, other)).log_evidence) <= at + due + 1e-6:
                     continue
                 if other[0] == one[0] or (there > at + least and self.gain(rest, other) > ENTRY_LOG_ODDS):
                     best, at = (*rest, other), there

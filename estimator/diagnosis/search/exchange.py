@@ -9,7 +9,7 @@ make up for each other: none of them alone leads to the set. Knows nothing of ve
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search, one_cause
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search, is_freer, one_cause
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import at_an_end, unconfounded
 from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
@@ -33,7 +33,7 @@ def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """
     if not (_leaves_more(found) or _has_beyond(found, given)):
         return found
-    other = with_more(found, [name for name in _BENDING if name not in found.model.effects], given)
+    other = with_more(found, _not_there_yet(found), given)
     if excess_of(other) >= excess_of(found) or len(other.choice) > MOST_EFFECTS:
         return found
     other = closely(other, given)
@@ -43,6 +43,29 @@ def all_saturations_at_once(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if set(found.model.effects) <= set(other.model.effects):
         return other
     return min(other, fitted(rows, given, begin=other.model), key=excess_of)
+
+
+def _not_there_yet(found: Fitted) -> list[str]:
+    """Effects that bend, of the forms of one that which is there, or the first."""
+    names = dict.fromkeys(found.model.effects)
+    for name in _BENDING:
+        if name not in names and not any(one_cause((name, 0), (other, 0)) for other in names):
+            names[name] = None
+    return [name for name in names if name not in found.model.effects]
+
+
+def begun_without_freer(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit, or one that begins without the freer forms of it, where more than noise is left, and leaves less.
+
+    A course of six shares takes the place of a drift and a step at once, and hides either.
+    """
+    freer = {name for name, _ in found.choice if is_freer(name)}
+    if not freer or not _leaves_more(found):
+        return found
+    begin = fitted(rows, given, library=[effect for effect in LIBRARY if effect.name not in freer])
+    if excess_of(begin) >= excess_of(found):
+        return found
+    return min(fitted(rows, given, begin=begin.model), found, key=excess_of)
 
 
 def without_idle(found: Fitted, given: Given) -> Fitted:
@@ -98,11 +121,12 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
                 as_told.append(begin)
             if one[0] != dropped[0][0]:  # what may be lent makes nothing likelier than it is
                 at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
-        if there > (_WORTH_MORE * here if len(dropped) > 1 else here - less):
+        due = max(found.search.due_of_freer(found.choice, each, one) for each in dropped)
+        if there > (_WORTH_MORE * here if len(dropped) > 1 else here + due if due else here - less):
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
-        if fewer >= 0 and excess_of(other) < here + 2.0 * ENTRY_LOG_ODDS * fewer:
+        if fewer >= 0 and excess_of(other) < here + due + 2.0 * ENTRY_LOG_ODDS * fewer:
             return Exchanged(other, {})
     return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
 

@@ -31,7 +31,7 @@ from estimator.diagnosis.verdict import FluxTable, Quantity
 from estimator.machine import UNITS
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Rows
-from estimator.physics.saturation import EFFECTS
+from estimator.physics.saturation import SATURATIONS
 from estimator.twin.model import Model, effects_voltage, in_truth
 
 _CELL: Final = 1.0 / 7.0  # of the rated current: size of the spline's cells
@@ -229,7 +229,7 @@ def _vector_at(d: ArrayLike, q: ArrayLike) -> Vector:
 
 def map_begun(rows: Rows, model: Model) -> Model | None:
     """A map in the place of a model's saturation; its other effects stay as they are. None where it is no machine's."""
-    kept = {name: sizes for name, sizes in model.effects.items() if name not in EFFECTS}
+    kept = {name: sizes for name, sizes in model.effects.items() if name not in SATURATIONS}
     model = replace(model, effects=kept, bend=None)
     truth = in_truth(rows, model)
     rest, by = truth.u - effects_voltage(truth, model), filter_of(truth, model.machine)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, FAINT, Choice, Search
+from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, FAINT, Choice, Search, sizes_more
 from estimator.diagnosis.likelihood.identifiability import beside_of, least_borne_out, product_of, signal_of
 from estimator.diagnosis.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
@@ -37,7 +37,7 @@ def rivals(
     best: dict[str, tuple[str, int]] = {}
     taken = {name for name, _ in choice}
     for other in search.candidates():
-        if other[0] in taken:
+        if other[0] in taken or sizes_more(other, one):  # a freer form explains whatever this one does
             continue
         known = best.get(other[0])
         if known is None or search.fit((*rest, other)).log_evidence > search.fit((*rest, known)).log_evidence:

@@ -6,7 +6,7 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 import pytest
 
-from emulator.bounds import Bound, ScenarioError
+from emulator.bounds import Bound, Points, PointsBound, ScenarioError
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.motors import MOTORS
@@ -17,8 +17,11 @@ KINDS: dict[str, Any] = {name: kind for name, kind in get_type_hints(Effects).it
 WANTED, MOST_TRIES, PERIODS = 12, 60, 300
 
 
-def drawn_size(drawn: random.Random, kind: type, bound: Bound, default: float) -> float:
+def drawn_size(drawn: random.Random, kind: type, bound: Bound | PointsBound, default: Any) -> float | Points:
     """Anywhere within its bound; where that is open, up to a hundred times more or less than its default."""
+    if isinstance(bound, PointsBound):
+        low, high = bound.second.low or 0.0, bound.second.high or 0.0
+        return tuple((0.01 * n, drawn.uniform(low, high)) for n in range(3))
     low = bound.low if bound.low is not None else bound.above
     high = bound.high if bound.high is not None else bound.below
     if kind is int:
@@ -37,7 +40,7 @@ def drawn_scenario(drawn: random.Random) -> Scenario:
     for effect, kind in KINDS.items():
         if drawn.random() < 0.7:
             continue
-        sizes: dict[str, float] = {}
+        sizes: dict[str, float | Points] = {}
         for key, hint in get_type_hints(kind, include_extras=True).items():
             if drawn.random() < 0.7:
                 of, bound = get_args(hint)

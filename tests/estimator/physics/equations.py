@@ -40,7 +40,8 @@ _TOLERANCE = dict.fromkeys(PARAMETERS, 0.3)
 _ROUNDS = 8
 _UPPER_HALF = 0.5, 1.0  # of a class's range of sizes
 _CLASSES = sorted(set(EFFECT) - {"dc_link_gain"})  # which no machine tells from its own parameters
-_SLOW = ("winding_heat", "magnet_heat", "demagnetisation")  # whose course is that of the recording's length
+_SLOW = ("winding_heat", "magnet_heat", "demagnetisation", "winding_warmed", "magnets_warmed")
+"""Those whose course is that of the recording's length."""
 
 
 class Left(NamedTuple):

@@ -38,6 +38,8 @@ def left(rows: Rows, model: Model) -> Vector:
     ("flux_harmonics", (0.01, 0.01, 0.0, 0.0)), ("inductance_harmonics", (0.05,)),
     ("winding_resistance_drift", (0.1, 1.0, 0.0)), ("phase_resistance_imbalance", (0.05, 0.0)),
     ("magnet_flux_drift", (-0.03, 0.5, 0.02)),
+    ("winding_temperature", (0.1, 0.15, 0.2, 0.15, 0.1, 0.05, 0.5)),
+    ("magnet_temperature", (-0.01, -0.02, -0.03, -0.02, -0.01, 0.0, 0.5)),
 ])  # fmt: skip
 def test_a_column_is_the_slope_of_what_a_model_with_an_effect_leaves(
     rows: Rows, name: str, sizes: tuple[float, ...]

@@ -20,6 +20,7 @@ from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
 from emulator.plant.physics.thermal import Thermal
 from emulator.plant.physics.timing import Timing
 from emulator.plant.physics.turn_short import TurnShort
+from emulator.plant.physics.warming import Warming
 from emulator.scenario.effects import NONE, Effects
 from emulator.scenario.scenarios import PAPER_RUN, Scenario
 
@@ -45,6 +46,7 @@ ALL: Final = Effects(
     stray=Stray(amplitude=1.0, frequency=90.0, along_alpha=0.8, along_beta=0.6),
     telegraph=Telegraph(amplitude=0.5, dwell=0.02, direction=0.1),
     resonance=Resonance(C=1e-6, L=20e-3, R=5.0),
+    warming=Warming(winding=((0.0, 0.0), (0.5, 0.2)), magnets=((0.1, 0.0), (0.4, -0.03))),
 )
 """All that can be together; a flux map excludes saturation, and a longer delay is tried by itself."""
 

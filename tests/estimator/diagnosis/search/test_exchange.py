@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from estimator.diagnosis.search.exchange import all_saturations_at_once, replaced_by_one
+from emulator.conceal.recording import Choice
+from emulator.scenario.motors import MOTORS
+from estimator.diagnosis.search.exchange import all_saturations_at_once, begun_without_freer, replaced_by_one
 from estimator.diagnosis.search.fitting import fitted, without
 from estimator.diagnosis.search.remainder import excess_of
-from estimator.physics.library import BY_NAME
+from estimator.physics.library import BY_NAME, LIBRARY
 from tests.estimator.diagnosis.concealed_runs import population, rows_as_diagnosed, rows_of, written
 from tests.proof.parts.near_suite import near, near_population
 
@@ -57,7 +59,7 @@ def test_an_effect_shows_for_which_others_had_stood(tmp_path: Path) -> None:
 
 def test_a_drift_takes_the_place_of_an_offset_that_looks_like_it_at_the_wrong_time_constant(tmp_path: Path) -> None:
     rows, given = rows_of(population(2010), 261, tmp_path)
-    found = fitted(rows, given)
+    found = fitted(rows, given, library=[effect for effect in LIBRARY if effect.name != "magnet_temperature"])
     other = replaced_by_one(rows, found, given).found
     assert {name for name, _ in found.choice} - {name for name, _ in other.choice} == {"voltage_offset"}
     assert {name for name, _ in other.choice} == {"cross_saturation", "magnet_flux_drift", "voltage_delay"}
@@ -86,3 +88,21 @@ def test_of_two_that_look_like_the_machine_none_wins_by_an_angles_rounding(tmp_p
     still, at_best = replaced_by_one(rows, found, within)
     assert still is found
     assert at_best["q_axis_saturation", "angle_offset"] == 0.0
+
+
+def test_a_winding_warmed_by_its_own_losses_is_named_so_though_a_course_from_outside_explains_as_much(
+    tmp_path: Path,
+) -> None:
+    rows, given = rows_of(Choice(7004, ("winding_heat",), (0.0, 1.0), tuple(MOTORS), 3.0), 3, tmp_path)
+    found = fitted(rows, given)
+    assert set(found.model.effects) == {"winding_temperature"}
+    assert set(replaced_by_one(rows, found, given).found.model.effects) == {"winding_resistance_drift"}
+
+
+def test_a_drift_and_a_step_show_where_one_course_had_taken_the_place_of_both(tmp_path: Path) -> None:
+    rows, given = rows_of(Choice(7031, ("two",), (0.0, 1.0), tuple(MOTORS), 3.0), 11, tmp_path)
+    found = fitted(rows, given)
+    assert set(found.model.effects) == {"magnet_temperature"}
+    other = begun_without_freer(rows, found, given)
+    assert set(other.model.effects) == {"magnet_flux_drift", "magnet_flux_step"}
+    assert excess_of(other) < 0.05 * excess_of(found)
