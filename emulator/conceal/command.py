@@ -11,8 +11,9 @@ from typing import Any, NoReturn
 
 from emulator.bounds import ScenarioError
 from emulator.conceal import __doc__ as about
+from emulator.conceal.dead_time_compensation import COMPENSATED
 from emulator.conceal.measuring_chain import CHAIN
-from emulator.conceal.populations import CHAINED, EFFECTS, KINDS, POPULATIONS, STRANGERS
+from emulator.conceal.populations import CHAINED, EFFECTS, KINDS, MISCOMPENSATED, POPULATIONS, STRANGERS
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from emulator.scenario.motors import MOTORS
@@ -50,7 +51,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--class", dest="kinds", nargs="+", default=KINDS, metavar="CLASS",
         help=f"drawn from, each as likely: kinds {', '.join(KINDS)} (default all); effects {', '.join(EFFECTS)}; "
-        f"strangers {', '.join(STRANGERS)}; of the measuring chain, {CHAINED} for one of them, {', '.join(CHAIN)}",
+        f"strangers {', '.join(STRANGERS)}; of the measuring chain, {CHAINED} for one of them, {', '.join(CHAIN)}; "
+        f"{MISCOMPENSATED} for one of {', '.join(COMPENSATED)}",
     )  # fmt: skip
     parser.add_argument(
         "--chain", action="store_true", help="with a measuring chain drawn for each, and two current sensors in most"

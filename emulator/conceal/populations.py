@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from emulator.conceal.chance import Chance
+from emulator.conceal.dead_time_compensation import COMPENSATED
 from emulator.conceal.measuring_chain import CHAIN, stray_along
 from emulator.conceal.population import Population, Sections, Setting
 from emulator.plant.machine import Machine
@@ -22,6 +23,9 @@ KINDS: Final = ("none", "one", "two", "three", "stranger")
 
 CHAINED: Final = "chained"
 """One class of the measuring chain: a kind that is asked for by name alone, so that all kinds stay as they were."""
+
+MISCOMPENSATED: Final = "miscompensated"
+"""One class of dead times that are made up for by too much or too little: asked for by name alone as well."""
 
 _DEGREE: Final = math.pi / 180.0
 _LARGEST_DROP: Final = 0.45
@@ -287,7 +291,7 @@ STRANGERS: Final[Mapping[str, Population]] = {
 }  # fmt: skip
 """Disturbances that are in nobody's library."""
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN}
+POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **COMPENSATED}
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
@@ -298,6 +302,8 @@ def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
         return (chance.one_of(tuple(STRANGERS)),)
     if kind == CHAINED:
         return (chance.one_of(tuple(CHAIN)),)
+    if kind == MISCOMPENSATED:
+        return (chance.one_of(tuple(COMPENSATED)),)
     names: tuple[str, ...] = ()
     for _ in range(KINDS.index(kind)):
         free = [name for name in EFFECTS if not any(_contradict(name, other) for other in names)]

@@ -32,6 +32,7 @@ from emulator.plant.modulation import Duties, modulated, voltage_of
 from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
 from emulator.plant.physics.angle_signal import Tracked, followed, sensed
+from emulator.plant.physics.compensation import BY_COMMAND, BY_SAMPLE, Compensation, compensating
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.legs import vector
@@ -56,6 +57,7 @@ class Bench(NamedTuple):
     sensors: Sensors
     voltage: VoltageSensing
     timing: Timing
+    compensation: Compensation
     fixed: Commissioning
     bridge: Bridge
     sub_steps: int  # integration steps per control period
@@ -178,6 +180,17 @@ def _within_reach(bench: Bench, u: complex, u_dc: float) -> complex:
 
 
 @kernel
+def _compensating(bench: Bench, firmware: FirmwareState, u_dc: float) -> complex:
+    """Voltage (V, stationary) that is added to what was computed, for the dead time's sake."""
+    i, by = firmware.i_next, bench.compensation.by
+    if by == BY_SAMPLE:
+        i = firmware.i_sampled
+    elif by == BY_COMMAND:
+        i = firmware.i_wanted
+    return compensating(bench.compensation, i, u_dc, bench.fixed.T_s)
+
+
+@kernel
 def _write_line(line: NDArray[np.float64], t: float, omega_e: float, period: Period, sample: Sample) -> None:
     """One line of a recording: `RECORDED`."""
     line[0] = t
@@ -240,6 +253,13 @@ def simulated(
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
         added = lost(settings.inverter, tables.inverter_table, applied.i_next, u_dc, T_s) if known else 0j
+        told = 0j
+        if bench.compensation.time != 0.0 and known:
+            more = _compensating(bench, applied, u_dc)
+            if bench.compensation.recorded != 0:
+                u, told = u + more, _compensating(bench, firmware, u_dc)
+            else:
+                added += more
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)
@@ -270,7 +290,7 @@ def simulated(
         if bench.timing.shift < 0:
             u_dq = u_before
         elif bench.timing.shift > 0 and known:
-            u_dq = _within_reach(bench, u_next, u_dc) * turned(-(theta_e + 1.5 * turn))
+            u_dq = _within_reach(bench, u_next + told, u_dc) * turned(-(theta_e + 1.5 * turn))
         u_before = u_told
         period = Period(
             theta_e,

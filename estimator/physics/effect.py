@@ -113,6 +113,7 @@ class VoltageError(SensorError):
     """The recorded voltage is too high by this."""
 
     error: Callable[[Rows, Sizes], Vector]  # V of each period; recorded less acting
+    of_recorded: bool = True  # told of the recorded voltage, so that of the acting one its size is none
 
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
         """V of each period."""

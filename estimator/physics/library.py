@@ -16,6 +16,7 @@ from estimator.physics import (
     current_sensor_gain,
     current_sensor_offset,
     d_axis_saturation,
+    dead_time_compensation,
     encoder_eccentricity,
     flux_harmonics,
     inductance_harmonics,
@@ -42,6 +43,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         encoder_eccentricity, voltage_delay, voltage_offset, leg_voltage_offset, interturn_short,
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
+        dead_time_compensation,
     )
 )
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from emulator.conceal.dead_time_compensation import COMPENSATED
 from emulator.conceal.measuring_chain import CHAIN
 from emulator.conceal.populations import STRANGERS
 from emulator.drive.virtual_drive import VirtualDrive
@@ -42,11 +43,16 @@ EFFECT: Final[Mapping[str, str]] = {
     "angle_tracked": "angle_tracking",
     "angle_signals": "angle_sensor_error",
     "leg_voltages": "leg_voltage_offset",
+    "over_compensated": "dead_time_compensation",
+    "under_compensated": "dead_time_compensation",
 }
 """Name that a diagnosis gives to a class."""
 
-UNCHAINED: Final = tuple(name for name in EFFECT if name not in CHAIN)
-"""Classes of populations whose drives have no measuring chain."""
+BESIDE: Final = dict.fromkeys(COMPENSATED, "inverter_voltage_error")
+"""Effect that a class has as well."""
+
+UNCHAINED: Final = tuple(name for name in EFFECT if name not in CHAIN and name not in COMPENSATED)
+"""Classes of populations whose drives have no measuring chain, and make up for nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +86,8 @@ def truth_of(answer: Mapping[str, Any]) -> Truth:
     effects: dict[str, Sizes] = {}
     for name in classes:
         if name in EFFECT:
-            effects.setdefault(EFFECT[name], {}).update(_SIZES[EFFECT[name]](scenario, periods))
+            for effect in (EFFECT[name], *([BESIDE[name]] if name in BESIDE else [])):
+                effects.setdefault(effect, {}).update(_SIZES[effect](scenario, periods))
     motor, imbalance = scenario.motor, scenario.effects.imbalance
     machine = {
         "R_s": motor.R_s * (1.0 + sum(imbalance) / 3.0), "L_d": motor.L_d, "L_q": motor.L_q, "psi_f": motor.psi_f,
@@ -252,6 +259,10 @@ def _leg_voltages(scenario: Scenario, _periods: int) -> Sizes:
     return _together({f"offset_{x}": (along * cmath.exp(-1j * n * third)).real for n, x in enumerate("abc")}, "V")
 
 
+def _compensation(scenario: Scenario, _periods: int) -> Sizes:
+    return _together({"time": scenario.effects.compensation.time}, "s")
+
+
 _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "inverter_voltage_error": _inverter,
     "d_axis_saturation": _saturation("L_d_drop"),
@@ -279,4 +290,5 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "angle_tracking": _tracking,
     "angle_sensor_error": _signals,
     "leg_voltage_offset": _leg_voltages,
+    "dead_time_compensation": _compensation,
 }
