@@ -191,6 +191,22 @@ def _compensating(bench: Bench, firmware: FirmwareState, u_dc: float) -> complex
 
 
 @kernel
+def _compensated(
+    bench: Bench, settings: Settings, u: complex, applied: FirmwareState, firmware: FirmwareState, u_dc: float
+) -> tuple[complex, complex, complex]:
+    """A voltage (V, stationary) that is computed, with what is added for the bridge's sake and recorded; what is added
+    and is not; and what will be to the next one, and recorded.
+    """
+    added = lost(settings.inverter, settings.tables.inverter_table, applied.i_next, u_dc, bench.fixed.T_s)
+    if bench.compensation.time == 0.0:
+        return u, added, 0j
+    more = _compensating(bench, applied, u_dc)
+    if bench.compensation.recorded == 0:
+        return u, added + more, 0j
+    return u + more, added, _compensating(bench, firmware, u_dc)
+
+
+@kernel
 def _write_line(line: NDArray[np.float64], t: float, omega_e: float, period: Period, sample: Sample) -> None:
     """One line of a recording: `RECORDED`."""
     line[0] = t
@@ -252,14 +268,7 @@ def simulated(
         u, known = applied.u_next, applied.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
-        added = lost(settings.inverter, tables.inverter_table, applied.i_next, u_dc, T_s) if known else 0j
-        told = 0j
-        if bench.compensation.time != 0.0 and known:
-            more = _compensating(bench, applied, u_dc)
-            if bench.compensation.recorded != 0:
-                u, told = u + more, _compensating(bench, firmware, u_dc)
-            else:
-                added += more
+        u, added, told = _compensated(bench, settings, u, applied, firmware, u_dc) if known else (u, 0j, 0j)
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)

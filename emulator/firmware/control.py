@@ -224,8 +224,7 @@ def computed(
     theta_e = settings.n_p * sample.theta_m
     forced_next = forced(settings, state.forced, state.powered, T_s)
     omega_e = speed(settings, state, sample, forced_next, T_s)
-    i_sampled = measured_current(sample)
-    i = i_sampled * turned(-theta_e)
+    i = measured_current(sample) * turned(-theta_e)
 
     trip = tripped(fixed, settings, state, abs(i), u_dc, omega_e)
     powered = state.powered and trip == NO_TRIP
@@ -289,6 +288,6 @@ def computed(
     u_next, i_next, i_wanted = u_limited * next_frame, i * next_frame, i_ref * next_frame
     theta_m = sample.theta_m if settings.angle_source == 0 else math.nan  # of the encoder, that a speed is told by
     return FirmwareState(
-        powered, trip, u_next, i_next, i_sampled, i_wanted, integral, theta_m, omega_e, forced_next, i_q_integral,
-        ramp, late, weakened_next, excitation,
+        powered, trip, u_next, i_next, measured_current(sample), i_wanted, integral, theta_m, omega_e, forced_next,
+        i_q_integral, ramp, late, weakened_next, excitation,
     )  # fmt: skip

@@ -36,6 +36,7 @@ _SIGN: Final = 1e-3  # of the rated current: so narrow a zone is a sign
 _DOUBTFUL: Final = 3e-3  # of it: so far a drive's current may be from the one that is recorded
 _COMPARED: Final = 40  # periods to each side, with which a doubtful one is compared
 _FEWEST: Final = 3  # of them on either side of zero
+_TOLD: Final = 1e-4  # of what a jump and a slope are told by: less, and they are one
 _APART: Final = 3.0  # standard deviations, by which the two sides' voltages differ where they tell
 _ASTRAY: Final = 2.5  # the same from its own side's, of a voltage that is the other side's
 
@@ -93,31 +94,34 @@ def _told(rows: Rows, i_s: Vector) -> Array:
 @kernel
 def _resolve(phases: Array, left: Vector, doubtful: float, axes: Vector) -> None:
     """Move currents in doubt to the edge of it, where more is added than lost: to the side whose periods, near and with
-    the others' signs alike, have the voltage that this one has.
+    the others' signs alike, have the voltage that this one has, but for a slope that all have.
     """
-    n, was = len(phases), phases.copy()
+    n, was, row = len(phases), phases.copy(), np.ones(3)
     for k in range(n):
         for leg in range(3):
             if abs(was[k, leg]) >= doubtful:
                 continue
             axis, one, two = axes[leg].conjugate(), (leg + 1) % 3, (leg + 2) % 3
-            count, sum_, square = np.zeros(2), np.zeros(2), np.zeros(2)
+            gram, sums, square, of_side = np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(2)
             for m in range(max(k - _COMPARED, 0), min(k + _COMPARED + 1, n)):
                 alike = was[m, one] * was[k, one] > 0.0 and was[m, two] * was[k, two] > 0.0
                 if m == k or not alike or abs(was[m, leg]) < doubtful:
                     continue
-                side, v = int(was[m, leg] > 0.0), (left[m] * axis).real
-                count[side] += 1.0
-                sum_[side] += v
-                square[side] += v * v
-            if min(count[0], count[1]) < _FEWEST:
+                row[1], row[2] = math.copysign(1.0, was[m, leg]), (m - k) / _COMPARED
+                v = (left[m] * axis).real
+                gram += np.outer(row, row)
+                sums += v * row
+                square += v * v
+                of_side[int(row[1] > 0.0)] += 1.0
+            if np.min(of_side) < _FEWEST or abs(np.linalg.det(gram)) < _TOLD * np.sum(of_side) ** 3:
                 continue
-            mean, side, v = sum_ / count, int(was[k, leg] > 0.0), (left[k] * axis).real
-            rest = math.sqrt(np.sum(square - sum_ * mean) / (count[0] + count[1] - 2.0))
-            own, others = abs(v - mean[side]), abs(v - mean[1 - side])
-            if mean[0] - mean[1] > _APART * rest:  # more is added than lost
-                other = others < own and own > _ASTRAY * rest
-                phases[k, leg] = math.copysign(doubtful, -was[k, leg] if other else was[k, leg])
+            mean, jump, _ = fit = np.linalg.solve(gram, sums)
+            rest = math.sqrt(max(square - np.sum(fit * sums), 0.0) / (np.sum(of_side) - 3.0))
+            if -2.0 * jump > _APART * rest:
+                side, v = math.copysign(1.0, was[k, leg]), (left[k] * axis).real - mean
+                own = abs(v - side * jump)
+                other = abs(v + side * jump) < own and own > _ASTRAY * rest
+                phases[k, leg] = -side * doubtful if other else side * doubtful
 
 
 @kernel
@@ -153,6 +157,7 @@ EFFECT = VoltageError(
     ("inverter_voltage_error",),
     error=voltage,
     of_recorded=False,
+    undoes="inverter_voltage_error",
     remembers=_remembered,
     told=lambda _rows, p: {"time": (p[0], "s"), "width": (p[1], "A")},
     discrepancy=5e-4,

@@ -5,9 +5,9 @@
 By `by`, i_k is 0: the sample that the voltage was computed from, turned on to where that acts; 1: the sample as it is;
 2: the commanded current there. A sample is noisy: near zero its sign, and the voltage with it, jump from row to row.
 The voltage that is recorded is the one before this is added, as most drives have it, or with `recorded` the one after,
-which then tells it. S.-G. Jeong, M.-H. Park, "The analysis and compensation of dead-time effects in PWM inverters", IEEE
-Trans. Industrial Electronics 38(2), 1991; J.-W. Choi, S.-K. Sul, "Inverter output voltage synthesis using novel dead
-time compensation", IEEE Trans. Power Electronics 11(2), 1996.
+which then tells it. S.-G. Jeong, M.-H. Park, "The analysis and compensation of dead-time effects in PWM inverters",
+IEEE Trans. Industrial Electronics 38(2), 1991; J.-W. Choi, S.-K. Sul, "Inverter output voltage synthesis using novel
+dead time compensation", IEEE Trans. Power Electronics 11(2), 1996.
 
 Shows, where it is more than the legs lose, as their loss of the other sign: six steps per turn in the rotor frame.
 """

@@ -22,7 +22,16 @@ from estimator.diagnosis.likelihood.whitening import whiten_into
 from estimator.machine import PARAMETERS
 from estimator.physics.angle_sensing import AngleError, voltage_of_angle_error
 from estimator.physics.current_sensing import CurrentError
-from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, ResistanceChange, SensorError, Sizes, VoltageError
+from estimator.physics.effect import (
+    Branch,
+    BridgeError,
+    Effect,
+    Parameter,
+    ResistanceChange,
+    SensorError,
+    Sizes,
+    VoltageError,
+)
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows

@@ -8,7 +8,12 @@ from typing import NamedTuple
 
 from estimator.diagnosis.likelihood.evidence import Search
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.search.exchange import all_saturations_at_once, replaced_by_one, without_idle
+from estimator.diagnosis.search.exchange import (
+    all_saturations_at_once,
+    replaced_by_one,
+    with_undone,
+    without_idle,
+)  # fmt: skip
 from estimator.diagnosis.search.fitting import Fitted, fitted
 from estimator.diagnosis.search.flux_map_stage import fitted_by_map, has_map
 from estimator.diagnosis.search.remainder import alone, restarted_from_fewer, unexplained_by, without_spurious
@@ -35,6 +40,7 @@ def explained(rows: Rows, given: Given, progress: Callable[[float, str], None]) 
     progress(0.7, "checking rivals")
     found, at_best = replaced_by_one(rows, found, given)
     compared = set(found.choice)
+    found = with_undone(rows, found, given)
     progress(0.71, "checking saturations together")
     found = without_idle(all_saturations_at_once(rows, found, given), given)
     progress(0.72, "checking fewer effects")
