@@ -35,17 +35,17 @@ _AVERAGED: Final = 5  # samples to each side, that stand for a commanded current
 _SIGN: Final = 1e-3  # of the rated current: so narrow a zone is a sign
 _DOUBTFUL: Final = 3e-3  # of it: so far a drive's current may be from the one that is recorded
 _COMPARED: Final = 40  # periods to each side, with which a doubtful one is compared
-_FEWEST: Final = 3  # of them on either side of zero
-_TOLD: Final = 1e-4  # of what a jump and a slope are told by: less, and they are one
-_APART: Final = 3.0  # standard deviations, by which the two sides' voltages differ where they tell
-_ASTRAY: Final = 2.5  # the same from its own side's, of a voltage that is the other side's
+_FEWEST: Final = 10  # of them
+_LINE: Final = 1e-2  # of what periods tell of a line, or of a jump beside it, at least
+_APART: Final = 3.0  # standard deviations, by which the voltages of the two signs differ where they tell
+_ASTRAY: Final = 3.5  # the same from its own sign's, of a voltage that is the other's
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
     """Recorded less acting voltage, V."""
     time, width, by = sizes
     u_dc = rows.u_dc if rows.u_dc is not None else np.full(len(rows), bus(rows))
-    shares = _shares(rows.once(_CURRENTS[round(by)]), max(float(width), 1e-12), np.array(AXES))
+    shares = _shares(rows.once(_CURRENTS[round(by)]), float(width), np.array(AXES))
     return (-time / rows.T_s) * u_dc * rows.stationary(shares)
 
 
@@ -87,41 +87,57 @@ def _told(rows: Rows, i_s: Vector) -> Array:
     """
     phases = _phases(i_s)
     if rows.left is not None:
-        _resolve(phases, rows.left, _DOUBTFUL * rows.i_rated, np.array(AXES))
+        _resolve(phases, rows.left, rows.middle, _DOUBTFUL * rows.i_rated, np.array(AXES))
     return phases
 
 
 @kernel
-def _resolve(phases: Array, left: Vector, doubtful: float, axes: Vector) -> None:
-    """Move currents in doubt to the edge of it, where more is added than lost: to the side whose periods, near and with
-    the others' signs alike, have the voltage that this one has, but for a slope that all have.
+def _resolve(phases: Array, left: Vector, middle: Vector, doubtful: float, axes: Vector) -> None:
+    """Move currents in doubt to the edge of it, where more is added than lost: to the side that the voltage speaks for.
+
+    Of the periods around it, what is left is a straight line in the rotor frame and a jump along the signs' vector.
     """
-    n, was, row = len(phases), phases.copy(), np.ones(3)
-    for k in range(n):
+    signs, sure = _shares(phases, 0.0, axes), np.ones(len(phases), np.bool_)
+    for k in range(len(phases)):
+        signs[k] *= middle[k].conjugate()
+        sure[k] = np.min(np.abs(phases[k])) >= doubtful
+    for k in np.flatnonzero(~sure):
+        n, d_1, d_2, vv, ss, sv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        v_0, v_1, s_0, s_1 = 0j, 0j, 0j, 0j
+        for m in range(max(k - _COMPARED, 0), min(k + _COMPARED + 1, len(phases))):
+            if not sure[m]:
+                continue
+            d, v, s = (m - k) / _COMPARED, left[m], signs[m]
+            n, d_1, d_2 = n + 1.0, d_1 + d, d_2 + d * d
+            v_0, v_1, s_0, s_1 = v_0 + v, v_1 + d * v, s_0 + s, s_1 + d * s
+            vv += abs(v) ** 2
+            ss += abs(s) ** 2
+            sv += (s.conjugate() * v).real
+        det = n * d_2 - d_1 * d_1
+        if n < _FEWEST or det < _LINE * n * n:
+            continue
+        v_at, v_by = (d_2 * v_0 - d_1 * v_1) / det, (n * v_1 - d_1 * v_0) / det
+        s_at, s_by = (d_2 * s_0 - d_1 * s_1) / det, (n * s_1 - d_1 * s_0) / det
+        vv -= (v_at.conjugate() * v_0 + v_by.conjugate() * v_1).real
+        ss -= (s_at.conjugate() * s_0 + s_by.conjugate() * s_1).real
+        sv -= (s_at.conjugate() * v_0 + s_by.conjugate() * v_1).real
+        if ss < _LINE * n:
+            continue
+        jump = -sv / ss
+        rest = math.sqrt(max(vv - jump * jump * ss, 0.0) / (2.0 * n - 5.0))
+        if 4.0 / 3.0 * jump < _APART * rest:
+            continue
         for leg in range(3):
-            if abs(was[k, leg]) >= doubtful:
-                continue
-            axis, one, two = axes[leg].conjugate(), (leg + 1) % 3, (leg + 2) % 3
-            gram, sums, square, of_side = np.zeros((3, 3)), np.zeros(3), 0.0, np.zeros(2)
-            for m in range(max(k - _COMPARED, 0), min(k + _COMPARED + 1, n)):
-                alike = was[m, one] * was[k, one] > 0.0 and was[m, two] * was[k, two] > 0.0
-                if m == k or not alike or abs(was[m, leg]) < doubtful:
-                    continue
-                row[1], row[2] = math.copysign(1.0, was[m, leg]), (m - k) / _COMPARED
-                v = (left[m] * axis).real
-                gram += np.outer(row, row)
-                sums += v * row
-                square += v * v
-                of_side[int(row[1] > 0.0)] += 1.0
-            if np.min(of_side) < _FEWEST or abs(np.linalg.det(gram)) < _TOLD * np.sum(of_side) ** 3:
-                continue
-            mean, jump, _ = fit = np.linalg.solve(gram, sums)
-            rest = math.sqrt(max(square - np.sum(fit * sums), 0.0) / (np.sum(of_side) - 3.0))
-            if -2.0 * jump > _APART * rest:
-                side, v = math.copysign(1.0, was[k, leg]), (left[k] * axis).real - mean
-                own = abs(v - side * jump)
-                other = abs(v + side * jump) < own and own > _ASTRAY * rest
-                phases[k, leg] = -side * doubtful if other else side * doubtful
+            if abs(phases[k, leg]) < doubtful:
+                side = math.copysign(1.0, phases[k, leg])
+                own = left[k] - (v_at + jump * s_at) + jump * signs[k]
+                half = 2.0 / 3.0 * side * axes[leg] * middle[k].conjugate()  # to a current of zero, which has no sign
+                steps = 0
+                if abs(own) > _ASTRAY * rest:
+                    none, other = abs(own - jump * half), abs(own - 2.0 * jump * half)
+                    steps = 2 if other < min(none, abs(own)) else 1 if none < abs(own) else 0
+                signs[k] -= steps * half
+                phases[k, leg] = (1.0 - steps) * side * doubtful
 
 
 @kernel
@@ -131,7 +147,8 @@ def _shares(phases: Array, width: float, axes: Vector) -> Vector:
     for k in range(len(phases)):
         whole = 0j
         for leg in range(3):
-            whole += min(max(phases[k, leg] / width, -1.0), 1.0) * axes[leg]
+            x = phases[k, leg]
+            whole += (math.copysign(1.0, x) if abs(x) >= width else x / width) * axes[leg]
         found[k] = 2.0 / 3.0 * whole
     return found
 

@@ -74,7 +74,7 @@ class Rows:
     lost: Vector | None = None  # V of each period, that the bridge loses and terminals do not see
     others: Vector | None = None  # V of each period, that effects other than the bridge's add
     sampled: Vector | None = None  # A at samples, stationary frame, as the drive took them, noise and all
-    left: Vector | None = None  # V of each period, stationary, that the nominal machine leaves of the recorded one
+    left: Vector | None = None  # V of each period, that the nominal machine leaves of the recorded one
     _known: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any], init=False, repr=False)
     _latest: dict[Any, tuple[Any, ...]] = field(default_factory=dict[Any, tuple[Any, ...]], init=False, repr=False)
 
@@ -473,5 +473,4 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         (float(t[0]), float(t[-1] - t[0])), sampled=i * np.exp(1j * theta),
     )  # fmt: skip
     rows.prepare()
-    left = rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i))
-    return rows.changed(left=left * rows.middle)
+    return rows.changed(left=rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i)))
