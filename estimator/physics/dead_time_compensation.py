@@ -93,7 +93,7 @@ def _told(rows: Rows, i_s: Vector) -> Array:
 
 @kernel
 def _resolve(phases: Array, left: Vector, middle: Vector, doubtful: float, axes: Vector) -> None:
-    """Move currents in doubt to the edge of it, where more is added than lost: to the side that the voltage speaks for.
+    """Move currents in doubt across zero, or to it, where more is added than lost and the voltage says so.
 
     Of the periods around it, what is left is a straight line in the rotor frame and a jump along the signs' vector.
     """
@@ -132,12 +132,11 @@ def _resolve(phases: Array, left: Vector, middle: Vector, doubtful: float, axes:
                 side = math.copysign(1.0, phases[k, leg])
                 own = left[k] - (v_at + jump * s_at) + jump * signs[k]
                 half = 2.0 / 3.0 * side * axes[leg] * middle[k].conjugate()  # to a current of zero, which has no sign
-                steps = 0
-                if abs(own) > _ASTRAY * rest:
-                    none, other = abs(own - jump * half), abs(own - 2.0 * jump * half)
-                    steps = 2 if other < min(none, abs(own)) else 1 if none < abs(own) else 0
-                signs[k] -= steps * half
-                phases[k, leg] = (1.0 - steps) * side * doubtful
+                none, other = abs(own - jump * half), abs(own - 2.0 * jump * half)
+                if abs(own) > _ASTRAY * rest and min(none, other) < abs(own):
+                    steps = 2.0 if other < none else 1.0
+                    signs[k] -= steps * half
+                    phases[k, leg] = (1.0 - steps) * side * doubtful
 
 
 @kernel
