@@ -10,7 +10,7 @@ import pytest
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.compensation import Compensation
 from emulator.plant.physics.legs import Inverter
-from estimator.arrays import Vector
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.thinning import settled
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.dead_time_compensation import BY_COMMAND, BY_OWN, BY_SAMPLE, BY_TURNED, EFFECT
@@ -27,7 +27,8 @@ OMEGA = 200.0  # rad/s, electrical
 
 def turning(i: Vector) -> Rows:
     """Rows of given currents (A, rotor frame), at one speed."""
-    theta, n = OMEGA * T_S * np.arange(len(i)), len(i)
+    n = len(i)
+    theta: Array = OMEGA * T_S * np.arange(n)
     return rows_of(
         [Samples(theta, np.full(n, OMEGA), i.real, i.imag, np.zeros(n), np.full(n, 20.0), T_S, u_dc=np.full(n, U_DC))],
         MACHINE, 6.0,

@@ -46,11 +46,12 @@ def test_what_is_recorded_after_it_holds_it() -> None:
 
 
 def test_as_much_as_the_dead_time_undoes_it() -> None:
-    inverter, compensation = Inverter(dead_time=TIME), Compensation(TIME)
     lost, undone = (
-        voltage_error(steady(switched(with_effects(i_dq=CURRENT, inverter=inverter, **beside)), 0.05, 0.02), SALIENT)
-        for beside in ({}, {"compensation": compensation})
-    )
+        voltage_error(steady(switched(
+            with_effects(i_dq=CURRENT, inverter=Inverter(dead_time=TIME), compensation=compensation)
+        ), 0.05, 0.02), SALIENT)
+        for compensation in (Compensation(), Compensation(TIME))
+    )  # fmt: skip
     assert abs(complex(undone.mean())) < 0.02 * abs(complex(lost.mean()))
 
 
