@@ -28,7 +28,7 @@ OMEGA = 200.0  # rad/s, electrical
 def turning(i: Vector) -> Rows:
     """Rows of given currents (A, rotor frame), at one speed."""
     n = len(i)
-    theta: Array = OMEGA * T_S * np.arange(n)
+    theta: Array = np.linspace(0.0, OMEGA * T_S * (n - 1), n)
     return rows_of(
         [Samples(theta, np.full(n, OMEGA), i.real, i.imag, np.zeros(n), np.full(n, 20.0), T_S, u_dc=np.full(n, U_DC))],
         MACHINE, 6.0,
