@@ -83,27 +83,39 @@ class UntoldError(Exception):
 
 
 def inverter(recorded: Recorded) -> Compensation:
-    """Dead time and drop on top of those that the drive made up for; a table where drops are soft."""
-    name, told = "inverter_voltage_error", recorded.found["inverter_voltage_error"]
-    dead_time = told.get("dead_time", Size(0.0))
+    """Dead time and drop on top of those that the drive made up for; a table where drops are soft.
+
+    Of a compensation that is told beside the dead time, what it lacks or is too much.
+    """
+    name, other = "inverter_voltage_error", "dead_time_compensation"
+    told = recorded.found.get(name, {})
+    dead_time = _less(told.get("dead_time", Size(0.0)), recorded.found.get(other, {}).get("time", Size(0.0)))
     drop = told.get("u_drop") or told.get("voltage") or Size(0.0)
-    if "dead_time" not in told and "voltage" not in told:
+    if name in recorded.found and "dead_time" not in told and "voltage" not in told:
         recorded.of(name, "dead_time")
     width = max(told.get("zero_crossing_width", Size(0.0)).value, _RIPPLE * recorded.i_rated)
     knee, mode = told.get("knee", Size(0.0)).value, recorded.was("inverter_correction")
     T_s, u_dc = recorded.T_s, recorded.u_dc
+    names = tuple(each for each in (name, other) if each in recorded.found)
     lost = drop.value if T_s is None or u_dc is None else drop.value + dead_time.value / T_s * u_dc
     if mode == BY_TABLE or (knee > width and drop.value > _SOFT * lost):
         if T_s is None or u_dc is None:
             raise UntoldError("a table of lost voltage needs the control period and the dc link's voltage")
-        return Compensation((name,), _inverter_table(recorded, dead_time.value / T_s * u_dc, drop.value, width, knee))
+        return Compensation(names, _inverter_table(recorded, dead_time.value / T_s * u_dc, drop.value, width, knee))
     if mode == BY_TIMES:
         dead_time = Size(dead_time.value + recorded.was("dead_time"), dead_time.std)
         drop = Size(drop.value + recorded.was("inverter_drop"), drop.std)
         width = max(width, recorded.was("inverter_width"))
+    if dead_time.value < 0.0:
+        raise UntoldError("the drive adds more than its legs lose, by what is none of its parameters")
     values = {"inverter_correction": Size(BY_TIMES), "dead_time": dead_time, "inverter_width": Size(width)}
     note = "a crossing's width is that of the current's ripple, by a rule"
-    return Compensation((name,), {**values, "inverter_drop": drop}, note)
+    return Compensation(names, {**values, "inverter_drop": drop}, note)
+
+
+def _less(one: Size, other: Size) -> Size:
+    stds = [each.std for each in (one, other) if each.value]
+    return Size(one.value - other.value, None if None in stds else math.hypot(*(std or 0.0 for std in stds)))
 
 
 def _inverter_table(recorded: Recorded, step: float, drop: float, width: float, knee: float) -> dict[str, Size]:
@@ -337,6 +349,7 @@ FLUX_MAP: Final = "flux_map"
 """Stands among effects for a map that no curve of few numbers is."""
 TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "inverter_voltage_error": inverter,
+    "dead_time_compensation": inverter,
     "d_axis_saturation": saturation,
     "symmetric_d_axis_saturation": saturation,
     "q_axis_saturation": saturation,

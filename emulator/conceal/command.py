@@ -11,9 +11,7 @@ from typing import Any, NoReturn
 
 from emulator.bounds import ScenarioError
 from emulator.conceal import __doc__ as about
-from emulator.conceal.measuring_chain import CHAIN
-from emulator.conceal.outside_warmth import OUTSIDE
-from emulator.conceal.populations import CHAINED, EFFECTS, KINDS, POPULATIONS, STRANGERS, WARMED
+from emulator.conceal.populations import EFFECTS, FAMILIES, KINDS, POPULATIONS, STRANGERS
 from emulator.conceal.recording import Choice
 from emulator.conceal.suite import Suite, make
 from emulator.scenario.motors import MOTORS
@@ -51,8 +49,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--class", dest="kinds", nargs="+", default=KINDS, metavar="CLASS",
         help=f"drawn from, each as likely: kinds {', '.join(KINDS)} (default all); effects {', '.join(EFFECTS)}; "
-        f"strangers {', '.join(STRANGERS)}; of the measuring chain, {CHAINED} for one of them, {', '.join(CHAIN)}; "
-        f"of outside warmth, {WARMED} for one of them, {', '.join(OUTSIDE)}",
+        f"strangers {', '.join(STRANGERS)}; "
+        + "; ".join(f"{kind} for one of {', '.join(classes)}" for kind, classes in FAMILIES.items()),
     )  # fmt: skip
     parser.add_argument(
         "--chain", action="store_true", help="with a measuring chain drawn for each, and two current sensors in most"

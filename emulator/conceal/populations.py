@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from emulator.conceal.chance import Chance
+from emulator.conceal.dead_time_compensation import COMPENSATED
 from emulator.conceal.measuring_chain import CHAIN, stray_along
 from emulator.conceal.outside_warmth import OUTSIDE
 from emulator.conceal.population import Population, Sections, Setting
@@ -21,11 +22,6 @@ from emulator.plant.physics.thermal import REFERENCE
 KINDS: Final = ("none", "one", "two", "three", "stranger")
 """What may be asked for besides a class by name; `one` to `three` are drawn from the effects."""
 
-CHAINED: Final = "chained"
-"""One class of the measuring chain: a kind that is asked for by name alone, so that all kinds stay as they were."""
-
-WARMED: Final = "warmed"
-"""One class of outside warmth, by name alone likewise."""
 
 _DEGREE: Final = math.pi / 180.0
 _LARGEST_DROP: Final = 0.45
@@ -291,7 +287,14 @@ STRANGERS: Final[Mapping[str, Population]] = {
 }  # fmt: skip
 """Disturbances that are in nobody's library."""
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE}
+FAMILIES: Final[Mapping[str, Mapping[str, Population]]] = {
+    "chained": CHAIN, "warmed": OUTSIDE, "miscompensated": COMPENSATED,
+}  # fmt: skip
+"""Kinds that are asked for by name alone, so that all kinds stay as they were: one class of the measuring chain, of
+warmth from outside, of dead times that are made up for by too much or too little.
+"""
+
+POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE, **COMPENSATED}
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
@@ -300,10 +303,8 @@ def chosen(kind: str, chance: Chance) -> tuple[str, ...]:
         return (kind,)
     if kind == "stranger":
         return (chance.one_of(tuple(STRANGERS)),)
-    if kind == CHAINED:
-        return (chance.one_of(tuple(CHAIN)),)
-    if kind == WARMED:
-        return (chance.one_of(tuple(OUTSIDE)),)
+    if kind in FAMILIES:
+        return (chance.one_of(tuple(FAMILIES[kind])),)
     names: tuple[str, ...] = ()
     for _ in range(KINDS.index(kind)):
         free = [name for name in EFFECTS if not any(_contradict(name, other) for other in names)]

@@ -18,7 +18,7 @@ from typing import Any
 import emulator
 from emulator.bounds import ScenarioError
 from emulator.conceal.files import MANIFEST, date_alike, write
-from emulator.conceal.populations import CHAINED, KINDS, POPULATIONS, WARMED
+from emulator.conceal.populations import FAMILIES, KINDS, POPULATIONS
 from emulator.conceal.recording import Choice, drawn
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.kernel import source_hash
@@ -48,8 +48,9 @@ def check_suite(suite: Suite) -> None:
     if suite.workers < 0:
         raise ScenarioError(f"--workers takes at least 1, or 0 for one per core, got {suite.workers}")
     for kind in choice.kinds:
-        if kind not in (*KINDS, CHAINED, WARMED, *POPULATIONS):
-            classes = ", ".join((*KINDS, CHAINED, WARMED, *POPULATIONS))
+        known = (*KINDS, *FAMILIES, *POPULATIONS)
+        if kind not in known:
+            classes = ", ".join(known)
             raise ScenarioError(f"--class takes out of {classes}; got {kind!r}")
     for name in choice.motors:
         if name not in MOTORS:

@@ -47,6 +47,7 @@ def bench_of(scenario: Scenario) -> Bench:
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,
+        compensation=effects.compensation,
         fixed=_commissioned(scenario),
         bridge=Bridge(
             drive.bridge == "switched",

@@ -33,6 +33,7 @@ from emulator.plant.physics import demagnetisation as demagnetisations
 from emulator.plant.physics import thermal as thermals
 from emulator.plant.physics import warming as warmings
 from emulator.plant.physics.angle_signal import Tracked, followed, sensed
+from emulator.plant.physics.compensation import BY_COMMAND, BY_SAMPLE, Compensation, compensating
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.legs import vector
@@ -58,6 +59,7 @@ class Bench(NamedTuple):
     sensors: Sensors
     voltage: VoltageSensing
     timing: Timing
+    compensation: Compensation
     fixed: Commissioning
     bridge: Bridge
     sub_steps: int  # integration steps per control period
@@ -184,6 +186,33 @@ def _within_reach(bench: Bench, u: complex, u_dc: float) -> complex:
 
 
 @kernel
+def _compensating(bench: Bench, firmware: FirmwareState, u_dc: float) -> complex:
+    """Voltage (V, stationary) that is added to what was computed, for the dead time's sake."""
+    i, by = firmware.i_next, bench.compensation.by
+    if by == BY_SAMPLE:
+        i = firmware.i_sampled
+    elif by == BY_COMMAND:
+        i = firmware.i_wanted
+    return compensating(bench.compensation, i, u_dc, bench.fixed.T_s)
+
+
+@kernel
+def _compensated(
+    bench: Bench, settings: Settings, u: complex, applied: FirmwareState, firmware: FirmwareState, u_dc: float
+) -> tuple[complex, complex, complex]:
+    """A voltage (V, stationary) that is computed, with what is added for the bridge's sake and recorded; what is added
+    and is not; and what will be to the next one, and recorded.
+    """
+    added = lost(settings.inverter, settings.tables.inverter_table, applied.i_next, u_dc, bench.fixed.T_s)
+    if bench.compensation.time == 0.0:
+        return u, added, 0j
+    more = _compensating(bench, applied, u_dc)
+    if bench.compensation.recorded == 0:
+        return u, added + more, 0j
+    return u + more, added, _compensating(bench, firmware, u_dc)
+
+
+@kernel
 def _write_line(line: NDArray[np.float64], t: float, omega_e: float, period: Period, sample: Sample) -> None:
     """One line of a recording: `RECORDED`."""
     line[0] = t
@@ -245,7 +274,7 @@ def simulated(
         u, known = applied.u_next, applied.powered
         if bench.timing.delay > 0:
             u, u_waiting = u_waiting, u
-        added = lost(settings.inverter, tables.inverter_table, applied.i_next, u_dc, T_s) if known else 0j
+        u, added, told = _compensated(bench, settings, u, applied, firmware, u_dc) if known else (u, 0j, 0j)
         if bench.telegraph.amplitude > 0.0:
             telegraph = keyed(bench.telegraph, telegraph, T_s, bench.fixed.seed, tick)
         was, machine = machine, machine_now(bench, t + 0.5 * T_s, heat)
@@ -276,7 +305,7 @@ def simulated(
         if bench.timing.shift < 0:
             u_dq = u_before
         elif bench.timing.shift > 0 and known:
-            u_dq = _within_reach(bench, u_next, u_dc) * turned(-(theta_e + 1.5 * turn))
+            u_dq = _within_reach(bench, u_next + told, u_dc) * turned(-(theta_e + 1.5 * turn))
         u_before = u_told
         period = Period(
             theta_e,

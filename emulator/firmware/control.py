@@ -93,6 +93,8 @@ class FirmwareState(NamedTuple):
     trip: int  # and was switched off by this
     u_next: complex  # V, stationary frame: to be applied over the next period
     i_next: complex  # A, stationary frame: current in that period
+    i_sampled: complex  # A, stationary frame: as it was sampled
+    i_wanted: complex  # A, stationary frame: reference in that period
     integral: complex  # V, rotor frame: of the current control
     theta_m: float  # rad, of the sample before
     omega_e: float  # rad/s, filtered
@@ -112,7 +114,7 @@ def switched_on(
     u = turned(n_p * theta_m + 0.5 * omega_e * T_s) * (1j * omega_e * psi_f)
     ramp = Ramp(omega_e, 1, 0)
     return FirmwareState(
-        powered, NO_TRIP, u, 0j, 0j, theta_m - omega_m * T_s, omega_e, 0.0, 0.0, ramp, 0, NOT_WEAKENED, AT_REST
+        powered, NO_TRIP, u, 0j, 0j, 0j, 0j, theta_m - omega_m * T_s, omega_e, 0.0, 0.0, ramp, 0, NOT_WEAKENED, AT_REST
     )
 
 
@@ -283,9 +285,9 @@ def computed(
     weakened_next = weaker(settings, state.weakening, u, omega_e, linear, i_max, T_s) if weakening else NOT_WEAKENED
 
     next_frame = turned(theta_e + fixed.delay * omega_e * T_s)
-    u_next, i_next = u_limited * next_frame, i * next_frame
+    u_next, i_next, i_wanted = u_limited * next_frame, i * next_frame, i_ref * next_frame
     theta_m = sample.theta_m if settings.angle_source == 0 else math.nan  # of the encoder, that a speed is told by
     return FirmwareState(
-        powered, trip, u_next, i_next, integral, theta_m, omega_e, forced_next, i_q_integral, ramp, late,
-        weakened_next, excitation,
+        powered, trip, u_next, i_next, measured_current(sample), i_wanted, integral, theta_m, omega_e, forced_next,
+        i_q_integral, ramp, late, weakened_next, excitation,
     )  # fmt: skip

@@ -12,6 +12,7 @@ from emulator.bounds import ScenarioError, check_bounds, from_table
 from emulator.input_file import shown
 from emulator.plant.machine import Machine
 from emulator.plant.physics.angle_signal import AngleSignal
+from emulator.plant.physics.compensation import Compensation
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.dc_link import DcLink
@@ -60,6 +61,7 @@ class Effects(NamedTuple):
     angle_signal: AngleSignal = AngleSignal()
     voltage_sensing: VoltageSensing = VoltageSensing()
     timing: Timing = Timing()
+    compensation: Compensation = Compensation()
     stray: Stray = Stray()
     telegraph: Telegraph = Telegraph()
     resonance: Resonance = Resonance()

@@ -47,6 +47,7 @@ class Effect:
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current
     in_proportion_to: str = ""  # the parameter of the machine that `voltage` grows with, where it is one alone
+    undoes: str = ""  # an effect that it is there to undo, and hides
     other_form_of: str = ""  # an effect of the same cause in another form: never both
     without_current: bool = False  # it is read with the bridge off as well, where no current flows
     while_speed_changes: bool = False  # it acts only then
@@ -113,6 +114,7 @@ class VoltageError(SensorError):
     """The recorded voltage is too high by this."""
 
     error: Callable[[Rows, Sizes], Vector]  # V of each period; recorded less acting
+    of_recorded: bool = True  # told of the recorded voltage, so that of the acting one its size is none
 
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
         """V of each period."""

@@ -16,6 +16,7 @@ from estimator.physics import (
     current_sensor_gain,
     current_sensor_offset,
     d_axis_saturation,
+    dead_time_compensation,
     encoder_eccentricity,
     flux_harmonics,
     inductance_harmonics,
@@ -46,6 +47,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
         winding_temperature, magnet_temperature, symmetric_d_axis_saturation,
+        dead_time_compensation,
     )
 )
 

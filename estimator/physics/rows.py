@@ -73,6 +73,8 @@ class Rows:
     local: LocalLine | None = None  # of a machine that saturates
     lost: Vector | None = None  # V of each period, that the bridge loses and terminals do not see
     others: Vector | None = None  # V of each period, that effects other than the bridge's add
+    sampled: Vector | None = None  # A at samples, stationary frame, as the drive took them, noise and all
+    left: Vector | None = None  # V of each period, that the nominal machine leaves of the recorded one
     _known: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any], init=False, repr=False)
     _latest: dict[Any, tuple[Any, ...]] = field(default_factory=dict[Any, tuple[Any, ...]], init=False, repr=False)
 
@@ -234,6 +236,11 @@ class Rows:
     def i_s(self) -> Vector:
         """Current at samples in the stationary frame, A."""
         return self.i * self.rotor
+
+    @property
+    def sampled_i_s(self) -> Vector:
+        """As the drive took it, which may be more than what is known of it now."""
+        return self.i_s if self.sampled is None else self.sampled
 
     def phase(self, k: int) -> Array:
         """Current of phase k at samples, A."""
@@ -461,10 +468,11 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
     if zero is not None and np.std(zero) <= _NO_SENSOR * np.sqrt(np.mean(i_d**2 + i_q**2)):
         zero = None  # one phase is what the others leave: no third sensor bears witness
+    i = i_d + 1j * i_q
     rows = Rows(
-        machine, T, i_rated, t, i_d + 1j * i_q, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
+        machine, T, i_rated, t, i, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, np.cumsum(heat),
-        (float(t[0]), float(t[-1] - t[0])),
+        (float(t[0]), float(t[-1] - t[0])), sampled=i * np.exp(1j * theta),
     )  # fmt: skip
     rows.prepare()
-    return rows
+    return rows.changed(left=rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i)))

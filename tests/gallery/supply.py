@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.physics.compensation import BY_COMMAND, Compensation
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.legs import Inverter
 from emulator.plant.physics.strangers import Resonance, Stray, Telegraph
@@ -65,6 +66,34 @@ def _around_zero(dead_time: float) -> tuple[Column, Column]:
         i.append(i_n)
         drive.run(1)
     return np.concatenate(t), np.concatenate(i)
+
+
+def _compensation(panels: Sequence[Axes]) -> None:
+    dead = Inverter(dead_time=2.5e-6)
+
+    def turning(compensation: Compensation, i_dq: complex, noise: float = 0.0) -> Recording:
+        scenario = with_effects(
+            motor=ROUND, i_dq=i_dq, run=at(20.0), drive={"noise_i": noise}, inverter=dead, compensation=compensation
+        )
+        return steady(switched(scenario), 0.2, 0.0501)
+
+    for name, share, colour in (("none", 0.0, IDEAL), ("half", 0.5, D), ("1.8 times", 1.8, Q)):
+        r = turning(Compensation(share * dead.dead_time), 8j)
+        panels[0].plot(degrees(r)[:-1], voltage_error(r, ROUND).imag, color=colour, label=f"compensated: {name}")
+    panels[0].set(xlim=(0.0, 360.0), xticks=range(0, 361, 60))
+    label(panels[0], "Voltage that gets lost, or is too much", "electrical angle in degrees", "error of u_q in V")
+    for name, by, colour in (("the sample", 0, A), ("the command", BY_COMMAND, IDEAL)):
+        r = turning(Compensation(1.2 * dead.dead_time, by=by), 1j, 0.05)
+        error = voltage_error(r, ROUND) * np.exp(1j * middle(r))
+        panels[1].plot(degrees(r)[:-1], error.real, color=colour, lw=0.8, label=f"by the sign of {name}")
+    panels[1].set(xlim=(0.0, 360.0), xticks=range(0, 361, 60))
+    label(panels[1], "The same at 1 A with noise of 50 mA", "electrical angle in degrees", "error of u_alpha in V")
+    levels = np.linspace(0.5, 8.0, 7)
+    for name, width, colour in (("sign", 0.0, A), ("zone of 2 A", 2.0, B)):
+        runs = [turning(Compensation(1.8 * dead.dead_time, width), 1j * float(x)) for x in levels]
+        means = [voltage_error(r, ROUND).mean().imag for r in runs]
+        panels[2].plot(levels, means, "o-", ms=3, color=colour, label=name)
+    label(panels[2], "Mean of u_q's error, compensated 1.8 times", "current in A", "V")
 
 
 def _dc_link(panels: Sequence[Axes]) -> None:
@@ -166,6 +195,14 @@ PICTURES: Final = {
         "The part that stands still looks like R_s at one level of current: the error keeps its size while the "
         "current changes, a resistance's does not. Flux harmonics are at the same orders, but grow with speed.",
         _inverter,
+    ),
+    "compensation": Picture(
+        "Dead-time compensation",
+        "Compensated by half, half of the loss is left; by 1.8 times, what is too much has the other sign. Near zero "
+        "the sign of a sample jumps with its noise, and the voltage with it.",
+        "By the command's sign, or in a wide zone, only what is added less what is lost shows, as an inverter's loss "
+        "of either sign; at one level of current as R_s.",
+        _compensation,
     ),
     "dc_link": Picture(
         "dc link",

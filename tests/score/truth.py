@@ -9,9 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from emulator.bounds import Points
-from emulator.conceal.measuring_chain import CHAIN
-from emulator.conceal.outside_warmth import OUTSIDE
-from emulator.conceal.populations import KINDS, STRANGERS
+from emulator.conceal.dead_time_compensation import COMPENSATED
+from emulator.conceal.populations import FAMILIES, KINDS, STRANGERS
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.thermal import Temperatures, Thermal, flux_factor, resistance_factor
 from emulator.scenario.scenarios import Scenario, parse
@@ -48,11 +47,16 @@ EFFECT: Final[Mapping[str, str]] = {
     "leg_voltages": "leg_voltage_offset",
     "winding_warmed": "winding_temperature",
     "magnets_warmed": "magnet_temperature",
+    "over_compensated": "dead_time_compensation",
+    "under_compensated": "dead_time_compensation",
 }
 """Name that a diagnosis gives to a class."""
 
-UNCHAINED: Final = tuple(name for name in EFFECT if name not in (*CHAIN, *OUTSIDE))
-"""Classes of populations whose drives have no measuring chain, and nothing outside that warms them."""
+BESIDE: Final = dict.fromkeys(COMPENSATED, "inverter_voltage_error")
+"""Effect that a class has as well."""
+
+UNCHAINED: Final = tuple(name for name in EFFECT if not any(name in family for family in FAMILIES.values()))
+"""Classes of populations whose drives have no measuring chain, make up for nothing, and are warmed by themselves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,8 @@ def truth_of(answer: Mapping[str, Any]) -> Truth:
     effects: dict[str, Sizes] = {}
     for name in classes:
         if name in EFFECT:
-            effects.setdefault(EFFECT[name], {}).update(_SIZES[EFFECT[name]](scenario, periods))
+            for effect in (EFFECT[name], *([BESIDE[name]] if name in BESIDE else [])):
+                effects.setdefault(effect, {}).update(_SIZES[effect](scenario, periods))
     motor, imbalance = scenario.motor, scenario.effects.imbalance
     machine = {
         "R_s": motor.R_s * (1.0 + sum(imbalance) / 3.0), "L_d": motor.L_d, "L_q": motor.L_q, "psi_f": motor.psi_f,
@@ -280,6 +285,10 @@ def _warmed(part: str, most: str, unit: str) -> Callable[[Scenario, int], Sizes]
     return sizes
 
 
+def _compensation(scenario: Scenario, _periods: int) -> Sizes:
+    return _together({"time": scenario.effects.compensation.time}, "s")
+
+
 _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "inverter_voltage_error": _inverter,
     "d_axis_saturation": _saturation("L_d_drop"),
@@ -309,4 +318,5 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "leg_voltage_offset": _leg_voltages,
     "winding_temperature": _warmed("winding", "rise", "ohm"),
     "magnet_temperature": _warmed("magnets", "change", "Vs"),
+    "dead_time_compensation": _compensation,
 }

@@ -1,14 +1,14 @@
 """The verdict in a sentence. Knows nothing of how it was reached."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from estimator.diagnosis.verdict import Diagnosis, Finding, Fit, Quantity, Verdict
-from estimator.diagnosis.words import sentence_start, with_interval
+from estimator.diagnosis.words import number, sentence_start, with_interval
 from estimator.interval import half_width
 from estimator.machine import UNITS
-from estimator.physics import convention_error, speed_lag
+from estimator.physics import convention_error, dead_time_compensation, inverter_voltage_error, speed_lag
 from estimator.physics.library import BY_NAME
 from estimator.witness import Witness
 
@@ -35,7 +35,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
     fit, said = diagnosis.fit, list[str]()
     if diagnosis.findings:
-        parts = [_finding_in_words(finding, cause) for finding in diagnosis.findings]
+        parts = [_finding_in_words(finding, cause, diagnosis.findings) for finding in diagnosis.findings]
         said.append("; ".join(parts))
         if fit is not None and (loo := fit.leave_one_out) is not None:
             said.append(
@@ -111,7 +111,7 @@ def plural(title: str) -> bool:
     return title.startswith(("harmonics", "offsets", "unequal", "constant voltages"))
 
 
-def _finding_in_words(finding: Finding, cause: str) -> str:
+def _finding_in_words(finding: Finding, cause: str, findings: Sequence[Finding]) -> str:
     sizes = ", ".join(_size_in_words(name, q) for name, q in finding.parameters.items() if q.value is not None)
     hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
@@ -120,6 +120,8 @@ def _finding_in_words(finding: Finding, cause: str) -> str:
     text = f"{title} {'were' if plural(title) else 'was'} left out: {sizes}"
     if finding.effect == "voltage_delay":
         text += _delayed(finding.parameters)
+    if finding.effect == dead_time_compensation.EFFECT.name:
+        text += _compensated(finding, findings)
     if hid:
         text += f"; it hid as {hid}"
     return f"{text}; it acts {finding.where.sentence}"
@@ -133,6 +135,16 @@ def _delayed(told: Mapping[str, Quantity]) -> str:
     if by > 0.0 and (name != "periods" or abs(by - round(by)) > _WHOLE_PERIODS):
         text += ", or currents are filtered or sampled late, which looks the same"
     return text
+
+
+def _compensated(finding: Finding, findings: Sequence[Finding]) -> str:
+    """What a compensation means beside the dead time, where that is told, too; else it is what is too much of it."""
+    added = finding.parameters["time"].value or 0.0
+    bridges = (each.parameters for each in findings if each.effect == inverter_voltage_error.EFFECT.name)
+    lost = next((told["dead_time"].value for told in bridges if "dead_time" in told), None)
+    if not lost:
+        return ", that is, the drive adds that much more than its legs lose"
+    return f", that is, the drive adds {number(added / lost, 2)} times what its dead time loses"
 
 
 def _signed(change: float, unit: str) -> str:

@@ -22,7 +22,16 @@ from estimator.diagnosis.likelihood.whitening import whiten_into
 from estimator.machine import PARAMETERS
 from estimator.physics.angle_sensing import AngleError, voltage_of_angle_error
 from estimator.physics.current_sensing import CurrentError
-from estimator.physics.effect import Branch, BridgeError, Effect, Parameter, ResistanceChange, SensorError, Sizes
+from estimator.physics.effect import (
+    Branch,
+    BridgeError,
+    Effect,
+    Parameter,
+    ResistanceChange,
+    SensorError,
+    Sizes,
+    VoltageError,
+)
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
 from estimator.physics.rows import Rows
@@ -271,10 +280,15 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
         h = parameter.typical(rows)
         return _Step(effect, _in_order(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
-    if isinstance(effect, SensorError) and _change_of(effect) is None:  # rows are rid of it already
+    if _is_taken_off(effect) and _change_of(effect) is None:  # rows are rid of it already
         at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
     h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
+
+
+def _is_taken_off(effect: Effect) -> bool:
+    """An error of measurement that is told of what it errs: of rows that are rid of it there is none."""
+    return isinstance(effect, SensorError) and not (isinstance(effect, VoltageError) and not effect.of_recorded)
 
 
 def _change_of(effect: Effect) -> Callable[[Rows, Sizes, Sizes], Array] | None:
@@ -326,7 +340,7 @@ def _answering(columns: Sequence[Coefficient], response: Response | None) -> dic
         if column.owner == "machine":
             if column.parameter not in ("angle", "zero"):
                 found[j] = None
-        elif column.seed < 0 and not column.shape and not isinstance(effect := BY_NAME[column.owner], SensorError):
+        elif column.seed < 0 and not column.shape and not _is_taken_off(effect := BY_NAME[column.owner]):
             found[j] = response.direct[column.place] if isinstance(effect, BridgeError) else None
     return found
 

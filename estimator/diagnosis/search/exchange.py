@@ -68,6 +68,23 @@ def begun_without_freer(rows: Rows, found: Fitted, given: Given) -> Fitted:
     return min(fitted(rows, given, begin=begin.model), found, key=excess_of)
 
 
+def with_undone(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit, or one with what an effect of it is there to undo, which leaves less: alone neither leads to both.
+
+    It is asked for where more than noise is left.
+    """
+    choice = found.choice
+    for name in dict.fromkeys(BY_NAME[name].undoes for name, _ in choice):
+        seeds = [one for one in found.search.candidates() if one[0] == name and one not in choice]
+        if not seeds or name in found.model.effects or not _leaves_more(found):
+            continue
+        one = max(seeds, key=lambda each: found.search.fit((*choice, each)).log_evidence)
+        begin = exchanged(found, [], one, given)
+        if name in begin.model.effects and excess_of(begin) < excess_of(found) - 2.0 * ENTRY_LOG_ODDS:
+            found = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
+    return found
+
+
 def without_idle(found: Fitted, given: Given) -> Fitted:
     """The fit without effects that bend and whose place the machine's parameters take: without them no more is left.
 

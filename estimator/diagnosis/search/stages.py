@@ -12,6 +12,7 @@ from estimator.diagnosis.search.exchange import (
     all_saturations_at_once,
     begun_without_freer,
     replaced_by_one,
+    with_undone,
     without_idle,
 )
 from estimator.diagnosis.search.fitting import Fitted, fitted
@@ -41,6 +42,7 @@ def explained(rows: Rows, given: Given, progress: Callable[[float, str], None]) 
     progress(0.7, "checking rivals")
     found, at_best = replaced_by_one(rows, found, given)
     compared = set(found.choice)
+    found = with_undone(rows, found, given)
     progress(0.71, "checking saturations together")
     found = without_idle(all_saturations_at_once(rows, found, given), given)
     progress(0.72, "checking fewer effects")

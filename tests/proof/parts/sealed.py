@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import plotly.graph_objects
 
-from emulator.conceal.populations import CHAINED, KINDS
+from emulator.conceal.populations import FAMILIES, KINDS
 from tests.proof.diagnosing import said_of
 from tests.proof.parts import poor_suite
 from tests.proof.proof import Bar, Proof, Settings, Table
@@ -44,10 +44,10 @@ go: Any = plotly.graph_objects  # comes without types
 
 _WHOLE = 400, 100, 200, 78, 6.0  # recordings, those near the limit, healthy drives, poor ones, s of each
 _QUICK = 6, 2, 2, 2, 3.0
-_SUITES: Final = (*KINDS, CHAINED)
+_SUITES: Final = (*KINDS, *FAMILIES)
 NEAR: Final = "near "  # before the names of recordings near the limit
 HEALTHY: Final = "healthy "  # of drives without an effect
-_ASKED: Final = ("one", "two", "three", CHAINED)  # kinds of recordings that the oracle is asked of
+_ASKED: Final = ("one", "two", "three", *FAMILIES)  # kinds of recordings that the oracle is asked of
 
 
 def prove(settings: Settings) -> Proof:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from emulator.plant.physics.angle_signal import AngleSignal
+from emulator.plant.physics.compensation import Compensation
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.dc_link import DcLink
@@ -43,6 +44,7 @@ ALL: Final = Effects(
     current_filter=CurrentFilter(tau=5e-5, periods=1),
     angle_signal=AngleSignal(gain=0.01, quadrature=0.01, offset_sin=0.005, bandwidth=200.0, latency=5e-5),
     timing=Timing(delay=0, shift=1, lost=0.01),
+    compensation=Compensation(time=1.5e-6, width=0.2),
     stray=Stray(amplitude=1.0, frequency=90.0, along_alpha=0.8, along_beta=0.6),
     telegraph=Telegraph(amplitude=0.5, dwell=0.02, direction=0.1),
     resonance=Resonance(C=1e-6, L=20e-3, R=5.0),
