@@ -7,10 +7,11 @@ from bench.machine_file import Nominal
 from estimator.diagnosis.together.said import Shared, SharedFinding, Together
 from estimator.diagnosis.verdict import Diagnosis, Finding, Place, Quantity
 from estimator.diagnosis.words import listed
+from estimator.physics.library import BY_NAME
 
 
 def machine_text_of(said: Together, nominal: Nominal) -> str | None:
-    """TOML that `load_machine` takes; None where nothing could be fitted."""
+    """TOML that `load_machine` takes; None where nothing could be fitted. Conventions are the last recording's."""
     if all(number.joint.value is None for number in said.machine.values()):
         return None
     machine, notes = dict[str, Quantity](), dict[str, str]()
@@ -21,9 +22,10 @@ def machine_text_of(said: Together, nominal: Nominal) -> str | None:
             notes[name] = _note(of)
     notes |= {one.effect: _note(listed(one.equation_of)) for one in said.findings if not _is_one(one)}
     one_of = [one for one in said.diagnoses[::-1] if one.machine_after]
+    conventions = [each for one in one_of[:1] for each in one.findings if each.effect not in BY_NAME]
+    findings = *conventions, *(_finding(one, said.recordings) for one in said.findings)
     as_one = Diagnosis(
-        said.verdict, said.sentence, tuple(_finding(one, said.recordings) for one in said.findings), (), None, {}, {},
-        machine, None, (), (), None,
+        said.verdict, said.sentence, findings, (), None, {}, {}, machine, None, (), (), None,
         pole_pairs=next((one.pole_pairs for one in one_of if one.pole_pairs is not None), None),
         flux_map=next((one.flux_map for one in one_of if one.flux_map is not None), None),
         angle=next((one.angle for one in one_of), 0.0),

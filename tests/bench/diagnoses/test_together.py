@@ -22,8 +22,9 @@ from bench.diagnoses.together.request import Several
 from bench.errors import ConfigError, RecordingError
 from bench.machine_file import load_machine
 from estimator.diagnosis.together.said import Difference, Shared, SharedFinding, Together
+from estimator.diagnosis.verdict import Quantity
 from tests.bench.diagnoses.test_report import Page
-from tests.support.diagnoses import NOMINAL
+from tests.support.diagnoses import CONVENTION, NOMINAL
 from tests.support.together import ALL, BOTH, EQUATION, NAMES, diagnosed, shared
 
 js: Any = jsonschema
@@ -111,6 +112,14 @@ def test_a_state_that_the_last_recording_does_not_tell_is_that_of_the_one_before
     text = machine_text_of(said, NOMINAL)
     assert text is not None
     assert "R_s = 1.02  # ohm, std 0.001; not the same in all recordings: this is that of warm" in text
+
+
+def test_a_control_period_that_the_recordings_contradict_is_put_right() -> None:
+    rows = replace(CONVENTION.findings[0], parameters={"T_s_scale": Quantity(2.0, None, "1")})
+    last = replace(BOTH.diagnoses[1], findings=(rows, *BOTH.diagnoses[1].findings))
+    text = machine_text_of(replace(BOTH, diagnoses=(BOTH.diagnoses[0], last)), NOMINAL)
+    assert text is not None
+    assert "T_s = 5e-05  # s\n" in text
 
 
 def test_there_is_no_machine_file_where_nothing_could_be_fitted() -> None:
