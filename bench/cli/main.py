@@ -329,6 +329,11 @@ def diagnose(
     ] = None,
     report: Annotated[str | None, Option(metavar="OUT.html", help="as a page; likewise")] = None,
     machine: Annotated[str | None, Option(metavar="OUT.toml", help="the machine with its effects; likewise")] = None,
+    together: Annotated[
+        bool,
+        Option("--together", help="all recordings, of one machine, in one diagnosis: what they share, what differs; "
+                                  "outputs and --nominal are then one file each"),
+    ] = False,
     jobs: Annotated[int | None, Option(metavar="N", help="recordings at a time (default: one per core)")] = None,
     mapping: Columns = None,
     constants: Constants = None,
@@ -341,9 +346,11 @@ def diagnose(
     """Say what physics recordings show that a machine's data leave out: where, what, how big, how sure.
 
     Exit code: 0, no mismatch or explained; 1, something stays unexplained; 2, a file cannot be read, diagnosed or
-    written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0.
+    written; 3, the recording cannot tell. Of several files the worst, in the order 70, 2, 1, 3, 0; with --together that
+    of all as one.
     """
-    from bench.cli.commands.files.diagnose import Options, run
+    from bench.cli.commands.files import diagnose, diagnose_together
+    from bench.cli.commands.files.diagnosing import Options
     from bench.diagnoses.diagnosis_request import trust_of
     from bench.diagnoses.formats import checked_format
     from bench.recordings.column_options import columns_of
@@ -353,7 +360,9 @@ def diagnose(
         trust_of(trust or ()), *columns_of(mapping, constants, align), checked_format(kind), jobs, force, fail_on,
         witnesses_of(witness or ()),
     )
-    raise typer.Exit(run(files, nominal, {"--json": json_out, "--report": report, "--machine": machine}, options))
+    outputs = {"--json": json_out, "--report": report, "--machine": machine}
+    run = diagnose_together.run if together else diagnose.run
+    raise typer.Exit(run(files, nominal, outputs, options))
 
 
 @app.command()

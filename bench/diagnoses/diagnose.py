@@ -1,6 +1,8 @@
 """A file and what is known of its machine to a diagnosis: a pure function of both. Knows nothing of terminals and HTTP.
 """
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from bench.diagnoses.diagnosed_machine import machine_text
@@ -11,17 +13,22 @@ from bench.diagnoses.formats import format_of
 from bench.diagnoses.formats.format import Diagnosed
 from bench.diagnoses.published import as_json
 from bench.diagnoses.report.page import report
+from bench.machine_file import Nominal
 from estimator.kernel import on_compile
 
 
 def diagnose_recording(request: Request, tell: Tell = lambda share, phase: None) -> Diagnosed:
     """Read and diagnose a file. Raises ConfigError, RecordingError, and what `tell` raises to cancel."""
-    diagnosed, nominal = format_of(request).diagnose(request, onwards(tell)), request.nominal
-    if not nominal.effects:
-        return diagnosed
+    diagnosed = format_of(request).diagnose(request, onwards(tell))
     said = diagnosed.diagnosis
-    unused = f"the effects in {nominal.source}'s [effects] are not used by a diagnosis: it looks for them anew"
-    return replace(diagnosed, diagnosis=replace(said, remarks=(*said.remarks, unused)))
+    return replace(diagnosed, diagnosis=replace(said, remarks=(*said.remarks, *unused(request.nominal))))
+
+
+def unused(nominal: Nominal) -> tuple[str, ...]:
+    """What a machine file says and no diagnosis takes: a sentence, or none."""
+    if not nominal.effects:
+        return ()
+    return (f"the effects in {nominal.source}'s [effects] are not used by a diagnosis: it looks for them anew",)
 
 
 def onwards(tell: Tell) -> Tell:
@@ -36,8 +43,9 @@ def onwards(tell: Tell) -> Tell:
     return told
 
 
-def work(request: Request, tell: Tell) -> Result:
-    """A diagnosis in texts, as a process for such work makes it."""
+@contextmanager
+def compiling(tell: Tell) -> Generator[Tell]:
+    """Tells as `tell` does, and of kernels that are compiled meanwhile."""
     done = 0.0
 
     def on(share: float, phase: str) -> None:
@@ -46,6 +54,12 @@ def work(request: Request, tell: Tell) -> Result:
         tell(share, phase)
 
     with on_compile(lambda: on(done, COMPILING)):
+        yield on
+
+
+def work(request: Request, tell: Tell) -> Result:
+    """A diagnosis in texts, as a process for such work makes it."""
+    with compiling(tell) as on:
         diagnosed = diagnose_recording(request, on)
     diagnosis = diagnosed.diagnosis
     tell(1.0, "writing")

@@ -1,7 +1,8 @@
 """A diagnosis as a machine file: the parameters after it, the drive as it was, the effects found, with their units."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 
 from bench.machine_file import EQUATION, Nominal
 from estimator.diagnosis.verdict import Diagnosis, Finding, FluxTable, Quantity
@@ -9,14 +10,19 @@ from estimator.machine import PARAMETERS, PLAUSIBLE, UNITS
 from estimator.physics.library import BY_NAME
 
 
-def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
-    """TOML that `load_machine` takes. `recording`: its name, for a comment."""
+def machine_text(
+    diagnosis: Diagnosis, nominal: Nominal, recording: str, notes: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """TOML that `load_machine` takes. `recording`: its name, for a comment; `notes`: by parameter and effect, too."""
     lines = [
         _comment(f"as diagnosed from {recording}: {diagnosis.verdict.value.replace('_', ' ')}"),
         _comment(diagnosis.sentence),
         "",
         "[machine]  # SI, per phase, peak dq",
-        *(line for name in PARAMETERS if (line := _parameter(name, diagnosis.machine_after.get(name), nominal))),
+        *(
+            _noted(line, notes.get(name))
+            for name in PARAMETERS if (line := _parameter(name, diagnosis.machine_after.get(name), nominal))
+        ),
     ]
     n_p, T_s = diagnosis.pole_pairs or nominal.n_p, nominal.T_s
     for finding in diagnosis.findings:  # a convention that the file was written by, and these values with it
@@ -32,7 +38,7 @@ def machine_text(diagnosis: Diagnosis, nominal: Nominal, recording: str) -> str:
     if known := [_line(name, value, unit) for name, (value, unit) in drive.items() if value is not None]:
         lines += ["", "[drive]", *known]
     for finding in diagnosis.findings:
-        lines += ["", f"[effects.{finding.effect}]"]
+        lines += ["", _noted(f"[effects.{finding.effect}]", notes.get(finding.effect))]
         for name, found in finding.parameters.items():
             lines += [_line(key, value, found.unit) for key, value in _both(name, found)]
         if finding.equation:
@@ -93,6 +99,11 @@ def _finite(value: float | None) -> bool:
 
 def _line(name: str, value: float, comment: str) -> str:
     return f"{name} = {value:.9g}" + (f"  # {comment}" if comment not in ("", "1") else "")
+
+
+def _noted(line: str, note: str | None) -> str:
+    """With a note at the end of its comment."""
+    return line if not note else f"{line}{'; ' if '#' in line else '  # '}{_comment(note)[2:]}"
 
 
 def _comment(text: str) -> str:

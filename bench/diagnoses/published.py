@@ -19,7 +19,8 @@ from estimator.diagnosis.verdict import Diagnosis, Experiment, Finding, Hold, Qu
 from estimator.physics.library import BY_NAME
 
 MOST_ODDS: Final = 1e12  # beyond, a figure says no more than that
-_UNTOLD: Final = "equation"  # machine files have it
+UNTOLD: Final = ("equation", "equation_of")
+"""Fields that machine files have."""
 _AT_TIMES: Final = "leave_one_out"  # left out where there is none
 _NUMBER: Final = {"type": "number"}
 _TABLE: Final = {"items": {"type": "array", "items": {"anyOf": [_NUMBER, {"type": "null"}]}}}
@@ -122,10 +123,11 @@ _PARTS: Final = (
     "candidates", "remarks", "experiment", "recording",
 )  # fmt: skip
 _KINDS: Final = get_type_hints(Diagnosis, include_extras=True) | {"machine": Motor, "recording": Recording}
-_PUBLISHED: Final[Any] = make_dataclass("Diagnosis", [(name, _KINDS[name]) for name in _PARTS], namespace={
+PUBLISHED: Final[Any] = make_dataclass("Diagnosis", [(name, _KINDS[name]) for name in _PARTS], namespace={
     "__doc__": _ABOUT, "__pydantic_config__": ConfigDict(extra="forbid", arbitrary_types_allowed=True),
 })  # fmt: skip
-_ADAPTER: Final = TypeAdapter[Any](_PUBLISHED)
+"""The type of a published diagnosis."""
+_ADAPTER: Final = TypeAdapter[Any](PUBLISHED)
 
 
 def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
@@ -138,8 +140,8 @@ def as_json(diagnosed: Diagnosed) -> dict[str, Any]:
             recording.path, recording.rows, recording.duration, recording.T_s, diagnosed.u_dc, diagnosed.seen
         ),
     }
-    published = _PUBLISHED(**{name: parts[name] if name in parts else getattr(said, name) for name in _PARTS})
-    untold = {"findings": {"__all__": {_UNTOLD}}} | ({} if fit is None or fit.leave_one_out else {"fit": {_AT_TIMES}})
+    published = PUBLISHED(**{name: parts[name] if name in parts else getattr(said, name) for name in _PARTS})
+    untold = {"findings": {"__all__": {*UNTOLD}}} | ({} if fit is None or fit.leave_one_out else {"fit": {_AT_TIMES}})
     text = _ADAPTER.dump_json(published, exclude=untold, fallback=np.ndarray.tolist, warnings=False)
     return json.loads(text)
 
@@ -149,10 +151,11 @@ def _within_odds(finding: Finding) -> Finding:
     return replace(finding, odds_against_next=min(finding.odds_against_next, MOST_ODDS), rivals=rivals)
 
 
-class _Schema(GenerateJsonSchema):
+class Schema(GenerateJsonSchema):
     """What is annotated to a field describes it, and a number may be null but where it is commanded."""
 
     commanded = False
+    of = _OF  # by type and field
 
     def float_schema(self, schema: core_schema.FloatSchema) -> dict[str, Any]:
         return {**_NUMBER} if self.commanded else {"anyOf": [_NUMBER, {"type": "null"}]}
@@ -167,19 +170,25 @@ class _Schema(GenerateJsonSchema):
         outer, self.commanded = self.commanded, schema["cls"] in (Experiment, Hold)
         shape = super().dataclass_schema(schema)
         self.commanded = outer
-        shape["properties"].pop(_UNTOLD, None)
+        for name in UNTOLD:
+            shape["properties"].pop(name, None)
         for name, hint in get_type_hints(schema["cls"], include_extras=True).items():
             if name in shape["properties"]:
                 texts = [text for text in getattr(hint, "__metadata__", ()) if isinstance(text, str)]
-                also = _ALSO.get(name, {}) | _OF.get(f"{schema['cls'].__name__}.{name}", {})
+                also = _ALSO.get(name, {}) | self.of.get(f"{schema['cls'].__name__}.{name}", {})
                 shape["properties"][name] |= also | dict(zip(("description",), texts, strict=False))
         return shape | {"required": [name for name in shape["properties"] if name != _AT_TIMES]}
 
 
 def schema(references: str = "#/$defs/{model}") -> dict[str, Any]:
     """The JSON schema of a diagnosis (draft 2020-12); the references to its parts as they are to look."""
-    told = _ADAPTER.json_schema(ref_template=references, schema_generator=_Schema, mode="serialization")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": "urn:pmsm-bench:diagnosis"} | told
+    return schema_of(_ADAPTER, "urn:pmsm-bench:diagnosis", Schema, references)
+
+
+def schema_of(kind: TypeAdapter[Any], id_: str, by: type[Schema], references: str) -> dict[str, Any]:
+    """The JSON schema of a published type."""
+    told = kind.json_schema(ref_template=references, schema_generator=by, mode="serialization")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": id_} | told
 
 
 if __name__ == "__main__":

@@ -12,8 +12,10 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import ConfigDict, Field, TypeAdapter
 
 _PUBLISHED: Final = ConfigDict(extra="forbid", json_schema_serialization_defaults_required=True)
-Role = Literal["before", "after", "noise", "measured", "level", "chosen", "not_chosen", "promised"]
-Kind = Literal["line", "markers", "bars", "heatmap"]
+Role = Literal[
+    "before", "after", "noise", "measured", "level", "chosen", "not_chosen", "promised", "each", "joint", "differs"
+]
+Kind = Literal["line", "markers", "bars", "heatmap", "intervals"]
 Scale = Literal["linear", "log", "exponent"]
 Number = float | None  # None, in JSON null: nothing is there
 Numbers = tuple[Number, ...]
@@ -44,10 +46,11 @@ class Trace:
     kind: Kind
     x: Annotated[Numbers, Field(
         description="in the axis's unit: of points; of bars, which lie, how far they reach from 0; of a heatmap, its "
-        "edges, one more than z has columns", examples=[[0.0, 3.0, 6.0]],
+        "edges, one more than z has columns; of intervals, which lie, the two ends of each", examples=[[0.0, 3.0, 6.0]],
     )]  # fmt: skip
     y: Annotated[Numbers, Field(
-        description="in the axis's unit: of points and bars; of a heatmap, its edges, one more than z has rows",
+        description="in the axis's unit: of points, bars and intervals; of a heatmap, its edges, one more than z has "
+        "rows",
         examples=[[0.31, 0.28, None]],
     )]  # fmt: skip
     z: Annotated[

@@ -1,15 +1,14 @@
 """The pictures of a diagnosis, in the order of its report. Knows nothing of how they are drawn."""
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.diagnoses.figures.figure import Axis, Figure, Numbers, Panel, Role, Trace
+from bench.diagnoses.figures.axes import Values, around, axis, from_zero, numbers, over, split
+from bench.diagnoses.figures.figure import Axis, Figure, Panel, Role, Trace
 from bench.diagnoses.figures.thinning import thinned_cloud, thinned_line
 from bench.engineering import words
 from estimator.diagnosis.verdict import Candidate, Diagnosis, FluxTable, Map, Scatter, Traces
@@ -17,14 +16,8 @@ from estimator.diagnosis.verdict import Candidate, Diagnosis, FluxTable, Map, Sc
 PARTS: Final = ("flux-map", "over-time", "map", "stretch", "spectrum", "scatter", "candidates")
 _MOST_LOG_ODDS: Final = 12.0
 _ODDS_SHOWN: Final = 13.0  # with room beyond the longest bar
-_DIGITS: Final = 5
 _LEVELS: Final = 6  # of a map, as curves
-_ROOM: Final = 0.04  # of an axis, beyond what stands on it
 _ROOM_OF_LOG: Final = 1.2  # as a factor
-_SAME: Final = 1e-9  # of a number: what differs by less is the same
-_LABEL: Final = re.compile(r"(?P<label>.*?)(?:, (?P<unit>[^,()]+)| \((?P<bracketed>[^()]+)\))?")
-
-Values = NDArray[np.float64]
 
 
 def pictures(said: Diagnosis) -> tuple[Figure, ...]:
@@ -56,11 +49,11 @@ def _flux_map(told: FluxTable) -> Figure:
         there = np.flatnonzero(np.isfinite(psi).sum(axis=0) > 1)
         there = there[:: max(1, -(-len(there) // _LEVELS))]
         levels = tuple(
-            Trace(f"{round(float(others[k]), 6) + 0.0:.3g} A", "level", "line", _numbers(x), _numbers(psi[:, k]),
+            Trace(f"{round(float(others[k]), 6) + 0.0:.3g} A", "level", "line", numbers(x), numbers(psi[:, k]),
                   level=(n + 1, len(there)))
             for n, k in enumerate(there)
         )  # fmt: skip
-        x_axis, y_axis = _around(f"i_{own}", "A", x), _around(f"psi_{own}", "Vs", psi[:, there])
+        x_axis, y_axis = around(f"i_{own}", "A", x), around(f"psi_{own}", "Vs", psi[:, there])
         return Panel(f"at some {at}", x_axis, y_axis, levels)
 
     return Figure(
@@ -80,7 +73,7 @@ def _over_time(traces: Traces, of: str) -> Figure:
         told = "; dashed, what noise alone leaves of the same"
         if len(t):
             drawn.append(_line("noise", t[[0, -1]], np.full(2, floor), "noise floor"))
-    panel = Panel("", _over("time", "s", t), _from_zero("residual, rms", "V", drawn), tuple(drawn))
+    panel = Panel("", over("time", "s", t), from_zero("residual, rms", "V", drawn), tuple(drawn))
     return Figure(
         "over-time", "over-time", "The mismatch in time",
         f"Residual of the voltage, one step ahead, as {of}, d and q together: what R_s, L_d, L_q and psi_f alone "
@@ -92,26 +85,26 @@ def _map(name: str, shown: Map, of: str) -> Figure:
     """Where the mismatch is, before and after, on one scale."""
     finite = [z[np.isfinite(z)] for z in (shown.before_V, shown.after_V)]
     most = max((float(z.max()) for z in finite if len(z)), default=1.0)
-    x, y = _over(*_split(shown.x), shown.x_edges), _over(*_split(shown.y), shown.y_edges)
-    edges = _numbers(shown.x_edges), _numbers(shown.y_edges)
+    x, y = over(*split(shown.x), shown.x_edges), over(*split(shown.y), shown.y_edges)
+    edges = numbers(shown.x_edges), numbers(shown.y_edges)
 
     def panel(role: Role, z: Values) -> Panel:
-        return Panel(role, x, y, (Trace(role, role, "heatmap", *edges, tuple(map(_numbers, z))),))
+        return Panel(role, x, y, (Trace(role, role, "heatmap", *edges, tuple(map(numbers, z))),))
 
     return Figure(
         "map", name, "Where it is", f"Rms of the residual, as {of}, by {shown.x} and {shown.y}.",
         (panel("before", shown.before_V), panel("after", shown.after_V)), beside=True,
-        z=_axis("residual, rms", "V", 0.0, most or 1.0),
+        z=axis("residual, rms", "V", 0.0, most or 1.0),
     )  # fmt: skip
 
 
 def _stretch(traces: Traces, of: str) -> Figure:
     """A short stretch: residual voltages, and currents beside a free run."""
-    x = _over("time", "s", traces.window_t)
+    x = over("time", "s", traces.window_t)
 
     def panel(label: str, unit: str, roles: Sequence[Role], lines: Sequence[Values]) -> Panel:
         drawn = tuple(_line(role, traces.window_t, line) for role, line in zip(roles, lines, strict=True))
-        return Panel("", x, _around(label, unit, *lines), drawn)
+        return Panel("", x, around(label, unit, *lines), drawn)
 
     voltages = [panel(f"residual {name}", "V", ("before", "after"), lines) for name, lines in traces.window.items()]
     currents = [panel(name, "A", ("measured", "before", "after"), lines) for name, lines in traces.window_i.items()]
@@ -128,12 +121,12 @@ def _spectrum(traces: Traces) -> Figure:
     before, after = densities
     shown = np.concatenate(densities)
     least, most = (float(end(shown)) for end in (np.nanmin, np.nanmax)) if np.isfinite(shown).any() else (0.1, 1.0)
-    y = replace(_axis("residual", "V/√Hz", least / _ROOM_OF_LOG, most * _ROOM_OF_LOG), scale="log")
+    y = replace(axis("residual", "V/√Hz", least / _ROOM_OF_LOG, most * _ROOM_OF_LOG), scale="log")
     drawn = _line("before", traces.frequency, before), _line("after", traces.frequency, after)
     return Figure(
         "spectrum", "spectrum", "By frequency",
         "Amplitude density of the residual of single periods, d and q together. White noise is a level line.",
-        (Panel("", _over("frequency", "Hz", traces.frequency), y, drawn),),
+        (Panel("", over("frequency", "Hz", traces.frequency), y, drawn),),
     )
 
 
@@ -142,14 +135,14 @@ def _scatter(name: str, shown: Scatter) -> Figure:
 
     def cloud(role: Role, values: Values) -> Trace:
         x, y = thinned_cloud(shown.of_x, values)
-        return Trace(role, role, "markers", _numbers(x), _numbers(y))
+        return Trace(role, role, "markers", numbers(x), numbers(y))
 
-    y = _around(f"left out: {shown.y}", "V", shown.before_V, shown.after_V)
+    y = around(f"left out: {shown.y}", "V", shown.before_V, shown.after_V)
     clouds = cloud("before", shown.before_V), cloud("after", shown.after_V)
     return Figure(
         "scatter", name, "Point by point",
         f"What is missed of {shown.y} at points that took no part in the fit, by {shown.x}.",
-        (Panel("", _around(*_split(shown.x), shown.of_x), y, clouds),),
+        (Panel("", around(*split(shown.x), shown.of_x), y, clouds),),
     )
 
 
@@ -164,7 +157,7 @@ def _odds(candidates: Sequence[Candidate]) -> Figure:
 
         def bars(role: Role, name: str, *, chosen: bool) -> Trace:
             at = [k for k, row in enumerate(rows) if row.chosen == chosen]
-            return Trace(name, role, "bars", _numbers(held[at]), tuple(map(float, at)))
+            return Trace(name, role, "bars", numbers(held[at]), tuple(map(float, at)))
 
         both = bars("chosen", "chosen", chosen=True), bars("not_chosen", "not chosen", chosen=False)
         return Panel(title, x, y, both)
@@ -178,64 +171,6 @@ def _odds(candidates: Sequence[Candidate]) -> Figure:
     )  # fmt: skip
 
 
-# --- axes
-
-
-def _split(text: str) -> tuple[str, str]:
-    """Label and unit of `i_q, A` or `speed (rpm)`."""
-    found = _LABEL.fullmatch(text)
-    if found is None:
-        return text, ""
-    return found["label"], found["unit"] or found["bracketed"] or ""
-
-
-def _over(label: str, unit: str, *values: Values) -> Axis:
-    """From the least value to the greatest."""
-    return _axis(label, unit, *_ends(values))
-
-
-def _around(label: str, unit: str, *values: Values) -> Axis:
-    """With room at both ends."""
-    low, high = _ends(values)
-    room = _ROOM * (high - low)
-    return _axis(label, unit, low - room, high + room)
-
-
-def _from_zero(label: str, unit: str, traces: Sequence[Trace]) -> Axis:
-    most = max((value for trace in traces for value in trace.y if value is not None), default=1.0)
-    return _axis(label, unit, 0.0, (1.0 + _ROOM) * most or 1.0)
-
-
-def _axis(label: str, unit: str, low: float, high: float) -> Axis:
-    start, end = _numbers(np.array([low, high]))
-    assert start is not None
-    assert end is not None
-    return Axis(label, unit, start, end)
-
-
-def _ends(values: Sequence[Values]) -> tuple[float, float]:
-    """The least and the greatest that are finite, with something between them; 0 to 1 where none is."""
-    finite = [value[np.isfinite(value)] for value in values]
-    whole = np.concatenate(finite) if finite else np.zeros(0)
-    low, high = (float(whole.min()), float(whole.max())) if len(whole) else (0.0, 1.0)
-    if high - low > _SAME * max(abs(low), abs(high)):
-        return low, high
-    room = 0.05 * abs(low) or 1.0
-    return low - room, high + room
-
-
-# --- traces
-
-
 def _line(role: Role, x: Values, y: Values, name: str | None = None) -> Trace:
     of_x, of_y = thinned_line(x, y)
-    return Trace(name or role, role, "line", _numbers(of_x), _numbers(of_y))
-
-
-def _numbers(values: Values) -> Numbers:
-    """With as many digits as a picture shows of how they differ."""
-    finite = values[np.isfinite(values)]
-    most, span = (float(np.abs(finite).max()), float(np.ptp(finite))) if len(finite) else (0.0, 0.0)
-    beyond = math.floor(math.log10(most / span)) if span > _SAME * most else 0
-    digits = _DIGITS + max(beyond, 0)
-    return tuple(float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in map(float, values))
+    return Trace(name or role, role, "line", numbers(of_x), numbers(of_y))

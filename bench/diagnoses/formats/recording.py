@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -27,7 +26,8 @@ from estimator.interval import Z_95
 from estimator.physics import voltage_delay
 from estimator.samples import Samples
 
-_READING: Final = 0.05  # share of the work
+READING: Final = 0.05
+"""Share of the work."""
 _STRAY: Final = 1e-3  # share of the rows at either end of a current's range, which may be wrong
 _WHOLE_ROW: Final = 0.1  # rows, by which a delay may be off a whole one
 
@@ -35,7 +35,7 @@ _WHOLE_ROW: Final = 0.1  # rows, by which a delay may be off a whole one
 def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
     """Read and diagnose a recording."""
     nominal = request.nominal
-    if not nominal.given and nominal.n_p is None and not _q_only(request):
+    if not nominal.given and nominal.n_p is None and not q_only(request):
         needs = f"{request.file}: a recording needs its machine's data, expected --nominal MACHINE.toml"
         if "t" not in (*bare_names(column_names(request.file)), *request.mapping):
             needs += (
@@ -43,24 +43,46 @@ def diagnose_recording(request: Request, tell: Tell) -> Diagnosed:
                 f"present: {', '.join(column_names(request.file)[:30])}; other names by --map NAME=COLUMN"
             )
         raise ConfigError(needs)
-    machine = None if _q_only(request) else check_whole(nominal)
+    machine = None if q_only(request) else check_whole(nominal)
     tell(0.0, "reading")
-    recording, stretches = read_in_stretches(lambda: opened(request, q_alone=True))
+    one = read_bounded(request)
 
     def on(share: float, phase: str) -> None:
-        tell(_READING + (1.0 - _READING) * share, phase)
+        tell(READING + (1.0 - READING) * share, phase)
 
     with refusals_of(request.file):
         if machine is None:
-            diagnosis = _of_q_axis(recording, request, on)
+            diagnosis = _of_q_axis(one.recording, request, on)
         else:
-            diagnosis = diagnose(recording.runs, machine, trust=request.trust, witnesses=request.witnesses, progress=on)
-    reading = ((stretches,) if stretches else (), recording.summary.remarks())
-    remarks = (*chain(*reading), *diagnosis.remarks, *_aligned(diagnosis, request.align.get("u", 0.0)))
-    seen = {axis: _span(recording.runs, axis) for axis in ("i_d", "i_q")}
-    return Diagnosed(
-        recording.summary, nominal, replace(diagnosis, remarks=remarks), seen, _mean_u_dc(recording.runs)
-    )
+            runs = one.recording.runs
+            diagnosis = diagnose(runs, machine, trust=request.trust, witnesses=request.witnesses, progress=on)
+    return one.diagnosed(diagnosis)
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """A recording in memory, by what it was asked for."""
+
+    request: Request
+    recording: Recording
+    remarks: tuple[str, ...]  # on reading it
+
+    def diagnosed(self, diagnosis: Diagnosis) -> Diagnosed:
+        """What is said of it, with what is to be said of the file."""
+        runs, remarks = self.recording.runs, (*self.remarks, *diagnosis.remarks, *self.aligned(diagnosis))
+        seen = {axis: _span(runs, axis) for axis in ("i_d", "i_q")}
+        said = replace(diagnosis, remarks=remarks)
+        return Diagnosed(self.recording.summary, self.request.nominal, said, seen, _mean_u_dc(runs))
+
+    def aligned(self, diagnosis: Diagnosis) -> Iterator[str]:
+        """How its voltages were taken, where they surely stand a row off."""
+        return _aligned(diagnosis, self.request.align.get("u", 0.0))
+
+
+def read_bounded(request: Request) -> Read:
+    """The recording that a request asks of, or stretches of it where it is long. Raises ConfigError, RecordingError."""
+    recording, stretches = read_in_stretches(lambda: opened(request, q_alone=True))
+    return Read(request, recording, (*((stretches,) if stretches else ()), *recording.summary.remarks()))
 
 
 def _aligned(diagnosis: Diagnosis, u: float) -> Iterator[str]:
@@ -77,7 +99,7 @@ def _aligned(diagnosis: Diagnosis, u: float) -> Iterator[str]:
             )
 
 
-def _q_only(request: Request) -> bool:
+def q_only(request: Request) -> bool:
     """Whether the q axis alone was recorded, for which nothing needs to be known of the machine."""
     try:
         with opened(request, q_alone=True) as reader:
@@ -133,14 +155,14 @@ def read(request: Request) -> Recording:
 
 
 @contextmanager
-def refusals_of(file: Path) -> Generator[None]:
-    """What the estimator refuses of a file, as a sentence for the user: a RecordingError."""
+def refusals_of(what: Path | str) -> Generator[None]:
+    """What the estimator refuses of a file, or of several, as a sentence for the user: a RecordingError."""
     try:
         yield
     except np.linalg.LinAlgError:  # ours, not the file's
         raise
     except ValueError as error:
-        raise RecordingError(f"{file}: {error}") from error
+        raise RecordingError(f"{what}: {error}") from error
 
 
 FORMAT: Final = Format("recording", lambda _path, _mapping: True, diagnose_recording)

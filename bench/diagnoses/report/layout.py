@@ -22,6 +22,7 @@ _FOOT: Final = 42.0  # below one, for numbers and label
 _LABEL: Final = 22.0  # left of the numbers
 _BETWEEN: Final = 16.0  # panels below each other that share their numbers
 _GAP: Final = 26.0  # between panels beside each other
+_BESIDE: Final = 2  # panels at most
 _COLOURS: Final = 66.0  # for a bar of colours and its numbers
 _BAR: Final = 22.0  # from bar to bar
 _MARK: Final = 16.0  # before a name
@@ -56,11 +57,11 @@ class Layout:
 def laid_out(figure: Figure, width: float) -> Layout:
     """The figure's panels on a picture so wide."""
     panels, high = figure.panels, _height(figure)
-    columns = len(panels) if figure.beside and width >= WIDE else 1
+    columns = min(len(panels), _BESIDE) if figure.beside and width >= WIDE else 1
     share_x = columns == 1 and len({panel.x for panel in panels}) == 1
     share_y = columns > 1 and len({panel.y for panel in panels}) == 1
     before = [_before(panel, high) for panel in panels]
-    lefts = [max(before)] if columns == 1 else [0.0 if share_y and k else room for k, room in enumerate(before)]
+    lefts = [0.0 if share_y and k else max(before[k::columns]) for k in range(columns)]
     right, beyond = (_COLOURS, EDGE) if figure.z is not None else (0.0, _beyond(figure))
     wide = (width - 2 * EDGE - right - sum(lefts) - columns * beyond - (columns - 1) * _GAP) / columns
     places: list[Place] = []
@@ -75,7 +76,7 @@ def laid_out(figure: Figure, width: float) -> Layout:
         x, y = Scale(panel.x, box.left, box.right), Scale(panel.y, box.bottom, box.top)
         places.append(Place(panel, box, x, y, last or not share_x, column == 0 or not share_y))
         left = box.right + beyond + _GAP
-        if column == columns - 1:
+        if column == columns - 1 or k == len(panels) - 1:
             top = box.bottom + (_FOOT if last or not share_x else _BETWEEN)
     at = width - EDGE - _COLOURS + 2 * EDGE
     colours = Box(at, places[0].box.top, at + 10.0, places[-1].box.bottom) if figure.z is not None else None

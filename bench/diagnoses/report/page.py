@@ -23,6 +23,7 @@ from bench.engineering import number, odds, quantity, scaled, words
 from bench.machine_file import Nominal
 from bench.recordings.recording import Summary
 from estimator.diagnosis.answer.sentences import compares
+from estimator.diagnosis.together.said import Shared
 from estimator.diagnosis.verdict import Diagnosis, Quantity
 from estimator.machine import PARAMETERS, UNITS
 
@@ -32,9 +33,9 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'"
 
 def report(diagnosis: Diagnosis, recording: Summary, nominal: Nominal, figures: Sequence[Figure]) -> str:
     """The page; `figures` are those of the diagnosis."""
-    return _template().render(
+    return template("page.html.jinja").render(
         title=f"Diagnosis of {Path(recording.path).name}", said=diagnosis, recording=recording, nominal=nominal,
-        length=_length(recording), settled=diagnosis.verdict in SETTLED, compared=compares(diagnosis),
+        length=length_of(recording), settled=diagnosis.verdict in SETTLED, compared=compares(diagnosis),
         explained=_explained(diagnosis), units=UNITS, policy=POLICY, style=Markup(style()),
         parameters=dict.fromkeys((*PARAMETERS, *diagnosis.machine_before, *diagnosis.machine_after)),
         pictures={part: [one for one in figures if one.part == part] for part in PARTS},
@@ -51,17 +52,19 @@ def _file(name: str) -> str:
 
 
 @cache
-def _template() -> Template:
+def template(name: str) -> Template:
+    """The words of a report, of this folder, with numbers as an engineer reads them."""
     made: Any = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)  # typed by half
     made.filters.update({
         "words": words, "number": number, "odds": odds, "quantity": _number_with_unit, "told": _told, "bounds": _bounds,
-        "legend": legend, "wide": partial(drawn, width=WIDE, looks="wide"),
+        "legend": legend, "largest": _largest, "wide": partial(drawn, width=WIDE, looks="wide"),
         "narrow": partial(drawn, width=NARROW, looks="narrow"),
     })  # fmt: skip
-    return made.from_string(_file("page.html.jinja"))
+    return made.from_string(_file(name))
 
 
-def _length(recording: Summary) -> str:
+def length_of(recording: Summary) -> str:
+    """How long it is, and its control period, in words."""
     period, unit = scaled(recording.T_s, "s")
     of = "steady points" if math.isnan(recording.T_s) else f"control period {recording.T_s / period:.4g} {unit}"
     return f"{recording.duration:.4g} s, {of}" if recording.duration > 0.0 else of
@@ -79,6 +82,11 @@ def _number_with_unit(value: float | None, unit: str, like: float | None = None)
 def _told(size: Quantity | None, like: float | None = None) -> str:
     """With half its 95 % interval."""
     return "–" if size is None else quantity(size.value, size.unit, size.std, like)
+
+
+def _largest(number: Shared) -> float | None:
+    """Of what recordings tell: all are told in its unit."""
+    return max((abs(one.value) for one in number.each if one is not None and one.value is not None), default=None)
 
 
 def _bounds(value: float | str | Sequence[float]) -> str:

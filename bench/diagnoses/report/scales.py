@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from bench.diagnoses.figures.figure import Axis
-from bench.engineering import odds, scaled
+from bench.engineering import odds, quantity, scaled
+from estimator.interval import Z_95
 
 _STEPS: Final = (1.0, 2.0, 5.0, 10.0)
 _ANGLES: Final = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 90.0, 180.0, 360.0)  # deg
@@ -56,6 +57,10 @@ class Scale:
             return odds(10.0**value)
         by, unit = self._unit
         return f"{value / by:.4g} {unit}".rstrip().replace("-", "−")
+
+    def told_between(self, low: float, high: float) -> str:
+        """A 95 % interval on it: its middle, with half of it."""
+        return quantity((low + high) / 2, self.axis.unit, (high - low) / 2 / Z_95 or None).replace("-", "−")
 
     def ticks(self, apart: float) -> list[Tick]:
         """Numbers at least about so many px apart."""

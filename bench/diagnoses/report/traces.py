@@ -1,4 +1,6 @@
-"""What is drawn over a panel's axes: lines, markers, bars, heatmaps. Where marks are few, each tells its numbers."""
+"""What is drawn over a panel's axes: lines, markers, bars, intervals, heatmaps. Where marks are few, each tells its
+numbers.
+"""
 
 import math
 from collections import defaultdict
@@ -21,6 +23,7 @@ _LINE: Final = 13.0  # px from one line of words to the next
 _SEAM: Final = 0.3  # px
 _DOT: Final = 2.6  # px
 _HALF_BAR: Final = 7.0  # px
+_MARK: Final = 4.5  # px, half of that in the middle of an interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ def traced(trace: Trace, place: Place, z: Axis | None) -> Iterator[Markup]:
     if trace.kind == "heatmap":
         assert z is not None
         return _heatmap(trace, place, z)
-    return {"line": _line, "markers": _markers, "bars": _bars}[trace.kind](trace, place)
+    return {"line": _line, "markers": _markers, "bars": _bars, "intervals": _intervals}[trace.kind](trace, place)
 
 
 def _shade(share: float | None) -> str:
@@ -105,6 +108,19 @@ def _bars(trace: Trace, place: Place) -> Iterator[Markup]:
         course = f"M{px(zero)} {px(one.y - _HALF_BAR)}H{px(one.x)}v{px(2 * _HALF_BAR)}H{px(zero)}z"
         told = tag("title", f"{place.y.told(one.of_y)}: {place.x.label} {place.x.told(one.of_x)}")
         yield tag("path", told, class_=f"bar {trace.role}", d=course)
+
+
+def _intervals(trace: Trace, place: Place) -> Iterator[Markup]:
+    """A line from end to end, or to where the picture ends, and a mark in the middle."""
+    box = place.box
+    for of_low, of_high, of_y in zip(trace.x[::2], trace.x[1::2], trace.y, strict=True):
+        low, high, y = place.x.at(of_low), place.x.at(of_high), place.y.at(of_y)
+        if low is None or high is None or y is None or of_low is None or of_high is None or of_y is None:
+            continue
+        middle, left, right = (low + high) / 2, max(low, box.left), min(high, box.right)
+        told = tag("title", f"{place.y.told(of_y)}: {place.x.told_between(of_low, of_high)}")
+        course = f"M{px(left)} {px(y)}H{px(right)}M{px(middle)} {px(y - _MARK)}v{px(2 * _MARK)}"
+        yield tag("path", told, class_=f"interval {trace.role}", d=course)
 
 
 def _heatmap(trace: Trace, place: Place, z: Axis) -> Iterator[Markup]:

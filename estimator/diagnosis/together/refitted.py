@@ -4,7 +4,7 @@ Knows nothing of other recordings.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -141,15 +141,21 @@ class Refitted:
 
     def raw_sizes(self, name: str) -> list[tuple[float, float, float]]:
         """Of each size of an effect: value, standard error, standard deviation before data are seen; SI."""
+        return [(value, std, prior) for _, value, std, prior in self._coefficients(name)]
+
+    def size_stds(self, name: str) -> dict[int, float]:
+        """Standard errors of an effect's sizes, by their places in its equation; SI."""
+        return {place: std for place, _, std, _ in self._coefficients(name)}
+
+    def _coefficients(self, name: str) -> Iterator[tuple[int, float, float, float]]:
+        """Of each size: place in the equation, value, standard error, standard deviation before data are seen."""
         search, choice = self.found.search, self.found.choice
         fit = search.fit(choice)
         covariance = search.free_covariance(choice) + search.form_covariance(choice)
-        found: list[tuple[float, float, float]] = []
         for n, j in enumerate(fit.places):
             column = search.columns[j]
             if column.owner == name and not column.shape and search.gram[j, j] > 0.0:
-                found.append((float(fit.value[n]), float(np.sqrt(covariance[n, n])), column.prior[1]))
-        return found
+                yield column.place, float(fit.value[n]), float(np.sqrt(covariance[n, n])), column.prior[1]
 
 
 def all_effects(some: Sequence[Refitted]) -> dict[str, Sizes]:
@@ -161,3 +167,15 @@ def all_effects(some: Sequence[Refitted]) -> dict[str, Sizes]:
             if name not in best or gain > best[name][0]:
                 best[name] = gain, sizes
     return {name: sizes for name, (_, sizes) in best.items()}
+
+
+def joint_equation(name: str, some: Sequence[Refitted]) -> tuple[float, ...]:
+    """An effect's equation by recordings that have it: mean sizes, at the shapes of the one that shows it most."""
+    best = max(some, key=lambda one: one.gain(name))
+    equation = list(best.effects[name])
+    told = [(one.effects[name], one.size_stds(name)) for one in some]
+    for place in best.size_stds(name):
+        each = [(sizes[place], stds[place] ** -2) for sizes, stds in told if stds.get(place, 0.0) > 0.0]
+        if each:
+            equation[place] = sum(size * weight for size, weight in each) / sum(weight for _, weight in each)
+    return tuple(equation)

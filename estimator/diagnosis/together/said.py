@@ -33,6 +33,8 @@ class SharedFinding:
     parameters: Mapping[str, Shared]
     named_by: Annotated[tuple[str, ...], "recordings whose own diagnosis names it"]
     odds: Annotated[float, "of all recordings, in favour of having it beside the others"]
+    equation: tuple[float, ...] = ()  # its equation's parameters, in their order, for a twin
+    equation_of: tuple[str, ...] = ()  # recordings that these are of: one alone where sizes are not alike
 
 
 @dataclass(frozen=True, slots=True)

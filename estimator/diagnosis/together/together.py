@@ -16,7 +16,7 @@ from estimator.diagnosis.diagnose import Examined, examined
 from estimator.diagnosis.together.alike import shared
 from estimator.diagnosis.together.decided import Decision, decided
 from estimator.diagnosis.together.differences import is_none, of_effect, of_machine
-from estimator.diagnosis.together.refitted import CONSTANTS, MISSED, Refitted, all_effects
+from estimator.diagnosis.together.refitted import CONSTANTS, MISSED, Refitted, all_effects, joint_equation
 from estimator.diagnosis.together.said import Kind, Shared, SharedFinding, Together
 from estimator.diagnosis.verdict import Ambiguity, Diagnosis, Quantity, Unexplained, Verdict, odds_of, verdict_of
 from estimator.diagnosis.words import listed, sentence_start
@@ -199,7 +199,11 @@ def _finding(
     if not all(one.alike for one in all_told.values()):
         all_told = {name: told(name, shows) if one.alike else one for name, one in all_told.items()}
     gain = sum(with_it[name].gain(effect) for name in shows)
-    return SharedFinding(effect, all_told, named_by, odds_of(gain))
+    of = tuple(with_it)
+    if not all(one.alike for one in all_told.values()):
+        of = tuple(name for name in with_it if name in shows)[-1:] or of[-1:]
+    equation = joint_equation(effect, [with_it[name] for name in of])
+    return SharedFinding(effect, all_told, named_by, odds_of(gain), equation, of)
 
 
 def _verdict(

@@ -6,11 +6,13 @@ from xml.etree import ElementTree
 import pytest
 
 from bench.diagnoses.figures.figure import Axis, Figure, Panel, Trace
+from bench.diagnoses.figures.forest import forests
 from bench.diagnoses.figures.pictures import pictures
 from bench.diagnoses.report.drawing import drawn
 from bench.diagnoses.report.layout import NARROW, WIDE, laid_out
 from bench.diagnoses.report.scales import Scale
 from tests.support.diagnoses import EXPLAINED
+from tests.support.together import BOTH
 
 VOLTS = Axis("u_d", "V", -4.0, 4.0)
 TIME = Axis("time", "s", 0.0, 10.0)
@@ -91,6 +93,20 @@ def test_bars_reach_from_even_odds_and_those_chosen_are_marked() -> None:
     assert [text.text for text in of_class(root, "name end")] == ["iron loss"]
 
 
+def test_an_interval_goes_from_end_to_end_and_no_farther_than_the_picture() -> None:
+    rows = Axis("", "", -0.5, 2.5, names=("c", "b", "a"))
+    ends = (2.0, 6.0, -5.0, 30.0, None, None)
+    root = picture(Trace("a recording", "each", "intervals", ends, (0.0, 1.0, 2.0)), y=rows)
+    inside, beyond = of_class(root, "interval each")
+    (frame,) = of_class(root, "axis")
+    left, _, _, right = map(float, re.findall(r"[\d.]+", frame.get("d", ""))[:4])
+    begin, _, end, middle, *_ = map(float, re.findall(r"-?[\d.]+", inside.get("d", "")))
+    assert [begin, end, middle] == pytest.approx([left + share * (right - left) for share in (0.2, 0.6, 0.4)], abs=0.1)
+    begin, _, end, *_ = map(float, re.findall(r"-?[\d.]+", beyond.get("d", "")))
+    assert (begin, end) == (left, right)
+    assert [one[0].text for one in (inside, beyond)] == ["c: 4.0 ± 2.0 s", "b: 12 ± 18 s"]
+
+
 def test_cells_of_a_map_have_shades_by_their_values_and_holes() -> None:
     trace = Trace("before", "before", "heatmap", (0.0, 5.0, 10.0), (-4.0, 0.0, 4.0), ((0.0, None), (1.0, 1.0)))
     root = picture(trace, z=Axis("u", "V", 0.0, 1.0))
@@ -100,11 +116,12 @@ def test_cells_of_a_map_have_shades_by_their_values_and_holes() -> None:
 
 @pytest.mark.parametrize("width", [WIDE, NARROW])
 def test_panels_stand_inside_the_picture_and_do_not_overlap(width: float) -> None:
-    for figure in pictures(EXPLAINED):
+    for figure in (*pictures(EXPLAINED), *forests(BOTH)):
         layout = laid_out(figure, width)
         boxes = [place.box for place in layout.places]
         for k, box in enumerate(boxes):
             assert 0.0 < box.left < box.right < width
             assert 0.0 < box.top < box.bottom < layout.height
             assert all(other.left > box.right or other.top > box.bottom for other in boxes[k + 1 :])
-        assert len({box.top for box in boxes}) == (1 if figure.beside and width == WIDE else len(boxes))
+        columns = 2 if figure.beside and width == WIDE else 1
+        assert len({box.top for box in boxes}) == -(-len(boxes) // columns)

@@ -2,60 +2,39 @@
 
 import contextlib
 import os
-import sys
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from rich.progress import TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from bench.cli.exit_codes import DOES_NOT, FAULT, HOLDS, NOT_TOLD, REFUSED, details_kept, worst
-from bench.cli.output import STANDARD_OUTPUT, as_refusal, check_new, check_output, print_json, takes_all, write_whole
-from bench.cli.terminal import Terminal, bar
-from bench.diagnoses.diagnosis_request import COMPILING, WORK, Request, Result, json_text
+from bench.cli.commands.files.diagnosing import (
+    STEM,
+    Bar,
+    Options,
+    Outcome,
+    bar_of,
+    check_places,
+    check_writable,
+    doubts_of,
+    failed,
+    is_folder,
+    not_yet_said,
+    stem_of,
+    written,
+)
+from bench.cli.exit_codes import FAULT, REFUSED, worst
+from bench.cli.output import STANDARD_OUTPUT, as_refusal, print_json
+from bench.cli.terminal import Terminal
+from bench.diagnoses.diagnosis_request import COMPILING, WORK, Request, Result
 from bench.diagnoses.worker import Failed, each
 from bench.diagnoses.worker import Progress as Under
 from bench.engineering import odds, quantity, words
-from bench.errors import BenchError, ConfigError, shown
+from bench.errors import BenchError, ConfigError
 from bench.machine_file import Nominal, load_machine
-from estimator.witness import Witness
 
-STEM: Final = "{stem}"
-EXPLAINED: Final = "explained"
-FAIL_ON: Final = ("unexplained", EXPLAINED)
-_CODES: Final = {
-    "no_mismatch": HOLDS, EXPLAINED: HOLDS, "partly_explained": DOES_NOT, "unexplained": DOES_NOT,
-    "ambiguous": NOT_TOLD, "not_enough_excitation": NOT_TOLD,
-}
 _SUFFIXES: Final = {"--json": ".json", "--report": ".html", "--machine": ".toml"}
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What goes for all recordings of a command."""
-
-    trust: Mapping[str, float]
-    mapping: Mapping[str, str]
-    constants: Mapping[str, float]
-    align: Mapping[str, float]
-    format: str  # of `bench.diagnoses.formats`, or "auto"
-    jobs: int | None  # processes; None: one per core
-    force: bool
-    fail_on: str = FAIL_ON[0]
-    witnesses: Mapping[str, Witness] = field(default_factory=dict[str, Witness])
-
-
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What has become of a recording."""
-
-    result: Result | None  # None: it was refused
-    refusal: str = ""  # in a sentence; with a result, of files that cannot be written
-    fault: bool = False  # it was not the recording's fault
 
 
 def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str | None], options: Options) -> int:
@@ -63,29 +42,26 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
 
     An output is a file, a name with {stem}, or a folder: one that is there, or a name that ends with a slash.
     """
-    if options.jobs is not None and options.jobs < 1:
-        raise ConfigError(f"--jobs: expected at least 1, got {options.jobs}")
-    if options.fail_on not in FAIL_ON:
-        raise ConfigError(f"--fail-on: expected {' or '.join(FAIL_ON)}, got {shown(options.fail_on)}")
+    options.check()
     json_shown = outputs.get("--json") == str(STANDARD_OUTPUT)
     if json_shown and len(files) > 1:
         raise ConfigError(f"--json -: expected one recording, got {len(files)}; of several a folder takes them")
     if json_shown:
         outputs = {**outputs, "--json": None}
     places = _places(files, outputs)
-    _check(files, nominal, places, force=options.force)
+    check_places(_taken(files, nominal), places, force=options.force)
     shared = _shared(nominal)
-    show = _Shown(len(files), options.fail_on, machine=outputs.get("--machine") is not None, as_json=json_shown)
+    show = _Shown(len(files), options.codes, machine=outputs.get("--machine") is not None, as_json=json_shown)
     wanted = outputs.get("--report") is not None
     requests: list[Request] = []
     told: list[int] = []  # place among the files of each request
-    outcomes: dict[int, _Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     for k, file in enumerate(files):
         try:
             machine = shared or (Nominal({}) if nominal is None else load_machine(_nominal_of(nominal, file)))
-            _check_writable(places[k])
+            check_writable(places[k])
         except BenchError as error:
-            outcomes[k] = _Outcome(None, str(error))
+            outcomes[k] = Outcome(None, str(error))
         else:
             requests.append(Request(
                 file, machine, options.trust, options.mapping, options.constants, options.align, wanted, options.format,
@@ -93,7 +69,7 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
             ))  # fmt: skip
             told.append(k)
     shares, compiling = [0.0] * len(requests), False
-    with _bar(len(files)) as progress, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
+    with bar_of(len(files)) as progress, contextlib.closing(each(WORK, requests, options.jobs or _cores())) as heard:
         for k, said in heard:
             if isinstance(said, Under):
                 shares[k] = said.share
@@ -102,26 +78,13 @@ def run(files: Sequence[Path], nominal: Path | None, outputs: Mapping[str, str |
                 continue
             place = told[k]
             outcomes[place] = (
-                _failed(said) if isinstance(said, Failed)
-                else _written(said.result, places[place], force=options.force)
+                failed(said) if isinstance(said, Failed)
+                else written(said.result, places[place], force=options.force)
             )  # fmt: skip
             progress.at(len(outcomes), "")
             show.as_far_as(files, outcomes, progress)
         show.as_far_as(files, outcomes, progress)
     return show.end()
-
-
-def _failed(said: Failed) -> _Outcome:
-    where = details_kept(said.details) if said.details else ""
-    return _Outcome(None, said.why + where, said.fault)
-
-
-def stem_of(file: Path) -> str:
-    """A recording's name without what its format adds to it."""
-    name = file.name.removesuffix(".gz")
-    for suffix in (".csv", ".parquet", ".pq", ".json"):
-        name = name.removesuffix(suffix)
-    return name
 
 
 def _cores() -> int:
@@ -130,7 +93,7 @@ def _cores() -> int:
 
 def _shared(nominal: Path | None) -> Nominal | None:
     """The machine of all recordings, where it is one."""
-    return None if nominal is None or STEM in str(nominal) or _is_folder(nominal) else load_machine(nominal)
+    return None if nominal is None or STEM in str(nominal) or is_folder(nominal) else load_machine(nominal)
 
 
 def _nominal_of(nominal: Path, file: Path) -> Path:
@@ -150,7 +113,7 @@ def _places(files: Sequence[Path], outputs: Mapping[str, str | None]) -> list[di
             continue
         suffix, folder = _SUFFIXES[option], Path(out)
         pattern = out
-        meant = out.endswith(os.sep) or _is_folder(folder)
+        meant = out.endswith(os.sep) or is_folder(folder)
         if STEM not in out and (len(files) > 1 or meant):
             if not meant and (folder.suffix == suffix or os.path.lexists(folder)):
                 raise ConfigError(f"{option}: several recordings need a folder or a name with {STEM}, got {out}")
@@ -162,97 +125,30 @@ def _places(files: Sequence[Path], outputs: Mapping[str, str | None]) -> list[di
     return places
 
 
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # a name that cannot be, which whoever reads or writes it will say
-        return False
-
-
-def _check(files: Sequence[Path], nominal: Path | None, places: Sequence[Mapping[str, Path]], *, force: bool) -> None:
-    """Refuse, before any work, what would overwrite a recording, a machine file, another output or a file."""
-    taken = {os.path.realpath(file): "a recording" for file in files}
+def _taken(files: Sequence[Path], nominal: Path | None) -> dict[Path, str]:
+    """What no output may overwrite: recordings and their machine files."""
+    taken = dict.fromkeys(files, "a recording")
     if nominal is not None:
-        taken |= {os.path.realpath(_nominal_of(nominal, file)): "its machine file" for file in files}
-        taken[os.path.realpath(nominal)] = "the machine file"
-    for place in places:
-        for option, path in place.items():
-            if (whose := taken.get(os.path.realpath(path))) is not None:
-                raise ConfigError(f"{option}: {path}: expected a file of its own, this is {whose}")
-            if not takes_all(path):
-                taken[os.path.realpath(path)] = "another output"
-            if not force:
-                check_new(option, path)
-
-
-def _check_writable(place: Mapping[str, Path]) -> None:
-    """Refuse a recording before it is worked on where its outputs cannot be written."""
-    for path in place.values():
-        with as_refusal(path):
-            check_output(path)
-
-
-def _written(result: Result, place: Mapping[str, Path], *, force: bool) -> _Outcome:
-    """The result, its files written; and a sentence where one cannot be."""
-    texts = {"--json": json_text(result.content), "--report": result.report, "--machine": result.machine}
-    refusals: list[str] = []
-    for option, path in place.items():
-        if (text := texts[option]) is None:
-            continue
-        try:
-            with as_refusal(path):
-                write_whole(path, text, over=force)
-        except ConfigError as error:
-            refusals.append(str(error))
-    return _Outcome(result, "; ".join(refusals))
+        taken |= {_nominal_of(nominal, file): "its machine file" for file in files}
+        taken[nominal] = "the machine file"
+    return taken
 
 
 # --- what is shown
 
 
-@dataclass(frozen=True, slots=True)
-class _Bar:
-    """A bar while it takes long."""
-
-    update: Callable[..., None]
-    errors: Terminal
-    output: Terminal
-
-    def at(self, done: float, phase: str) -> None:
-        self.update(completed=done, description=phase or "diagnosing")
-
-    def compiling(self) -> bool:
-        """Say so where no bar does; that it is said."""
-        if not self.errors.is_terminal:
-            self.errors.print("pmsm-bench: compiling, once: most of a minute", soft_wrap=True)
-        return True
-
-    def refuse(self, sentence: str) -> None:
-        """A sentence on standard error, above the bar."""
-        self.errors.print(f"pmsm-bench: {sentence}", soft_wrap=True)
-
-
-@contextmanager
-def _bar(total: int) -> Generator[_Bar]:
-    errors = Terminal(stderr=True)
-    count = TextColumn("{task.completed:.0f}/{task.total:.0f}") if total > 1 else TextColumn("{task.percentage:.0f} %")
-    shared = errors.is_terminal and sys.stdout.isatty()  # what is said goes above the bar then
-    with bar("diagnosing", total, count, TimeRemainingColumn(), console=errors, redirect_stdout=False) as update:
-        yield _Bar(update, errors, errors if shared else Terminal())
-
-
 class _Shown:
     """Outcomes on standard output, in the order of the files."""
 
-    def __init__(self, total: int, fail_on: str, *, machine: bool, as_json: bool) -> None:
+    def __init__(self, total: int, codes: Mapping[str, int], *, machine: bool, as_json: bool) -> None:
         self._total, self._machine, self._as_json, self._next = total, machine, as_json, 0
-        self._codes = _CODES | ({EXPLAINED: DOES_NOT} if fail_on == EXPLAINED else {})
+        self._codes = codes
         self._verdicts = Counter[str]()
         self._faults = 0
         self._unwritten = 0
         self._console = Terminal()
 
-    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, _Outcome], progress: _Bar) -> None:
+    def as_far_as(self, files: Sequence[Path], outcomes: Mapping[int, Outcome], progress: Bar) -> None:
         """Show those whose turn has come."""
         self._console = progress.output
         while self._next in outcomes:
@@ -297,21 +193,13 @@ class _Shown:
             self._console.print(_findings(content["findings"]))
         if content["fit"] is not None:
             self._console.print(_before_and_after(content))
-        said = [content["sentence"]]
-        for ambiguity in content["ambiguous"]:
-            names = " or ".join(map(words, ambiguity["effects"]))
-            self._once(f"{names}? ", ambiguity["reason"], said)
-            self._once("to tell: ", ambiguity["experiment"]["sentence"], said)
+        doubts = list(doubts_of(content["ambiguous"]))
         if content["experiment"] is not None:
-            self._once("", content["experiment"]["sentence"], said)
+            doubts.append(("", content["experiment"]["sentence"]))
+        for text in not_yet_said(content["sentence"], doubts):
+            self._say(text)
         for remark in content["remarks"]:
             self._say(remark)
-
-    def _once(self, lead: str, text: str, said: list[str]) -> None:
-        """Say what no sentence has said, whose first letter may be a capital."""
-        if not any(text[1:] in already for already in said):
-            said.append(text)
-            self._say(f"{lead}{text}")
 
     def _say(self, text: str) -> None:
         self._console.print(text, soft_wrap=True)

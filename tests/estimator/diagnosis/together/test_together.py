@@ -80,6 +80,8 @@ def test_an_effect_that_was_switched_on_is_told_as_that() -> None:
     assert abs(off.value or 0.0) < 0.02 * DEAD_TIME
     assert [(one.what, one.parameter) for one in said.differences] == [("inverter_voltage_error", "dead_time")]
     assert "is there in on and not in off" in said.sentence
+    assert found.equation_of == ("on",)
+    assert found.equation[0] == pytest.approx(DEAD_TIME, rel=0.05)
 
 
 @pytest.mark.thorough
@@ -108,6 +110,8 @@ def test_a_doubt_of_each_recording_is_settled_by_both() -> None:
     (told,) = found.parameters.values()
     assert told.alike
     assert told.joint.value == pytest.approx(2e-4, rel=0.02)
+    assert found.equation_of == ("slow", "fast")
+    assert found.equation == pytest.approx((told.joint.value,), rel=0.01)
     assert not said.ambiguous
 
 
