@@ -28,6 +28,7 @@ from estimator.kernel import kernel
 Axes = tuple[float, float]
 """Of d and q."""
 
+_FADED: Final = 1e-100  # Vs: less, and squares are near the smallest numbers that there are, which take far longer
 _UNKNOWN_SHARE: Final = 1e-9  # of w's variance, that is not known
 
 
@@ -112,6 +113,8 @@ def whiten_into(
             continue
         for k in range(v.shape[1]):
             d, q = M[k, 0, 0] * d + (M[k, 0, 1] * q + v[c, k].real), M[k, 1, 1] * q + (M[k, 1, 0] * d + v[c, k].imag)
+            if abs(d) + abs(q) < _FADED:
+                d, q = 0.0, 0.0
             white[count, 0, k], white[count, 1, k] = d / noise[0], q / noise[1]
         state[c] = complex(d, q)
         there[count] = c

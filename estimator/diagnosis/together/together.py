@@ -120,7 +120,8 @@ def _said(names: Sequence[str], diagnoses: Sequence[Diagnosis], fits: Mapping[st
     machine = {name: _parameter(name, names, fits, numbers) for name in PARAMETERS}
     named = {finding.effect for one in diagnoses for finding in one.findings} | {one.effect for one in decisions}
     findings = [
-        _finding(name, names, fits, diagnoses, numbers) for name in effects if name in named and name not in doubted
+        *(_of_no_column(name, names, diagnoses) for name in sorted(named - BY_NAME.keys() - doubted)),
+        *(_finding(name, names, fits, diagnoses, numbers) for name in effects if name in named and name not in doubted),
     ]
     differences = [
         *(each for name, number in machine.items() for each in of_machine(name, number, names)),
@@ -206,6 +207,21 @@ def _finding(
     return SharedFinding(effect, all_told, named_by, odds_of(gain), equation, of)
 
 
+def _of_no_column(effect: str, names: Sequence[str], diagnoses: Sequence[Diagnosis]) -> SharedFinding:
+    """A cause that was undone before any fit, such as a convention: as recordings tell it, each by itself."""
+    found = {
+        name: finding for name, one in zip(names, diagnoses, strict=True)
+        for finding in one.findings if finding.effect == effect
+    }  # fmt: skip
+    parameters = dict.fromkeys(parameter for finding in found.values() for parameter in finding.parameters)
+    told = {
+        parameter: shared([found[name].parameters.get(parameter) if name in found else None for name in names], 1)
+        for parameter in parameters
+    }
+    odds = min(finding.odds_against_next for finding in found.values())
+    return SharedFinding(effect, told, tuple(found), odds)
+
+
 def _verdict(
     findings: Sequence[SharedFinding], doubts: Sequence[Ambiguity], machine: Mapping[str, Shared],
     fits: Mapping[str, Refitted], *, astray: bool,
@@ -227,6 +243,9 @@ def _verdict(
 def _sentence_of(said: Together, decisions: Sequence[Decision], left: Mapping[str, Unexplained]) -> str:
     parts: list[str] = []
     for one in said.findings:
+        if one.effect == convention_error.NAME:
+            parts.append(f"what is recorded in {listed(one.named_by)} follows {convention_error.TITLE}")
+            continue
         told = {name: number.joint for name, number in one.parameters.items() if number.alike}
         sizes = [f"{name.replace('_', ' ')} {_told(size)}" for name, size in told.items() if not is_none(size)]
         title = title_of(one.effect)

@@ -14,10 +14,11 @@ from emulator.scenario.scenarios import Excitation, Run, Scenario, drive_for
 from estimator.diagnosis.diagnose import TOLERANCE, diagnose
 from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.likelihood.evidence import Search
-from estimator.diagnosis.search.fitting import of_machine, searched
+from estimator.diagnosis.search.fitting import of_model, searched
 from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.machine import PARAMETERS
 from estimator.samples import Samples
+from estimator.twin.model import Model
 from tests.estimator.diagnosis.concealed_runs import population, recording_of
 from tests.support.samples import machine_of, recorded
 
@@ -78,7 +79,7 @@ def test_a_machine_that_is_another_without_what_is_in_doubt_does_not_hold(tmp_pa
 def test_how_far_an_effect_lies_from_none_counts_inductances_that_are_not_told() -> None:
     """Effects trade with these at one level: offsets of current sensors, two standard errors from none, were named."""
     rows, given = prepared([at_one_level(0.0, 1)], NOMINAL, dict.fromkeys(PARAMETERS, TOLERANCE))
-    search, _, _ = searched(rows, of_machine(rows, given).model, given, "angle_offset")
+    search, _, _ = searched(rows, of_model(rows, Model(given.machine), given).model, given, "angle_offset")
     one = next(each for each in search.candidates() if each[0] == "angle_offset")
 
     def distance(*unidentified: str) -> float:

@@ -9,9 +9,10 @@ from emulator.conceal.recording import Choice
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
 from estimator.diagnosis.search.exchange import all_saturations_at_once
-from estimator.diagnosis.search.fitting import at_nominal, fitted, of_machine
+from estimator.diagnosis.search.fitting import at_nominal, fitted, of_model
 from estimator.diagnosis.search.remainder import alone, leaves_some, unexplained_by, without_spurious
 from estimator.physics.rows import Rows
+from estimator.twin.model import Model
 from tests.estimator.diagnosis.concealed_runs import population, rows_of
 
 pytestmark = pytest.mark.thorough
@@ -52,7 +53,7 @@ def test_a_voltage_that_comes_once_is_not_taken_for_all(tmp_path: Path) -> None:
 def test_a_faint_resonance_is_told(number: int, tmp_path: Path) -> None:
     """Of 230 to 1500 of chi square, where noise alone leaves 120,000 give or take 500."""
     rows, given = rows_of(population(2013), number, tmp_path)
-    found = of_machine(rows, given)
+    found = of_model(rows, Model(given.machine), given)
     assert not leaves_some(found)
     left = unexplained_by(rows, found)
     assert left is not None

@@ -1,5 +1,6 @@
 """Several recordings of one emulated machine: what they share, what differs, doubts that one settles for another."""
 
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -113,6 +114,16 @@ def test_a_doubt_of_each_recording_is_settled_by_both() -> None:
     assert found.equation_of == ("slow", "fast")
     assert found.equation == pytest.approx((told.joint.value,), rel=0.01)
     assert not said.ambiguous
+
+
+@pytest.mark.thorough
+def test_a_convention_is_told_of_the_recording_that_follows_it() -> None:
+    other, as_expected = of_drive(), of_drive(seed=2)
+    reversed_currents = {name: -getattr(other, name) for name in ("i_d", "i_q", "i_a", "i_b", "i_c")}
+    said = together(other=replace(other, **reversed_currents), expected=as_expected)
+    assert [(one.effect, one.named_by) for one in said.findings] == [("convention_error", ("other",))]
+    assert said.verdict is Verdict.EXPLAINED
+    assert not said.differences
 
 
 def test_two_recordings_of_one_name_are_refused() -> None:
