@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.arrays import Array, Vector
-from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes, Smoothing, constant
 from estimator.physics.rows import Rows
 
 
@@ -120,6 +120,11 @@ EFFECT = AddedVoltage(
     "currents that turn behind with speed, and smeared steps",
     ("voltage_delay",),
     adds=voltage,
+    smooths=Smoothing(
+        lambda _rows, p, v: _weighted(v, _FORMS[round(p[1])].weights),
+        lambda _rows, p: _FORMS[round(p[1])].lag,
+        lambda p: p[0],
+    ),
     told=lambda rows, p: {"lag": (p[0] * _FORMS[round(p[1])].lag * rows.T_s, "s")},
     discrepancy=1e-4,
 )

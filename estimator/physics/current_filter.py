@@ -19,7 +19,7 @@ import numpy as np
 from estimator.arrays import Array, Bools, Vector
 from estimator.kernel import kernel
 from estimator.physics.current_averaging import ahead, beyond_ends, slope
-from estimator.physics.effect import AddedVoltage, Parameter, Sizes, constant, periods
+from estimator.physics.effect import AddedVoltage, Parameter, Sizes, Smoothing, constant, periods
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
 
@@ -49,6 +49,14 @@ def _whole(rows: Rows, tau: float) -> Vector:
     bend = (0.5 / math.tanh(0.5 * T / tau) - tau / T) * T * slope(rows, found)
     new = math.exp(-0.5 * T / tau) * T / tau * beyond_ends(rows) + slope(rows, rows.stationary(pulses))
     return found - m.R_s * (bend + rows.stationary(_left_of(new * rows.middle, begins, decay, tau / T)))
+
+
+def _through(rows: Rows, sizes: Sizes, v: Vector) -> Vector:
+    """What the filter makes of a voltage (V of each period, stationary) that turns with the rotor."""
+    tau = float(sizes[1])
+    begins, decay = np.concatenate(([True], rows.apart[:-1] != 1)), math.exp(-rows.T_s / tau)
+    settled: Vector = np.asarray(rows.half.conj() / (1.0 + 1j * rows.omega_e * tau), np.complex128)
+    return _steps_through(v, settled, np.zeros_like(v), begins, decay, tau / rows.T_s)
 
 
 def _of_pulses(rows: Rows, tau: float) -> Vector:
@@ -124,6 +132,7 @@ EFFECT = AddedVoltage(
     "currents that turn behind with speed, and steps that come late",
     ("current_averaging", "voltage_delay"),
     adds=voltage,
+    smooths=Smoothing(_through, lambda rows, p: p[1] / rows.T_s, lambda p: p[0]),
     told=lambda _rows, p: {"tau": (p[0] * p[1], "s")},
     other_form_of="current_averaging",
     discrepancy=1e-4,

@@ -66,11 +66,21 @@ class Effect:
         raise NotImplementedError
 
 
+@dataclass(frozen=True, slots=True)
+class Smoothing:
+    """What becomes of currents on their way into the recording, where that is linear and alike in all directions."""
+
+    through: Callable[[Rows, Sizes, Vector], Vector]  # of a voltage (V of each period, stationary) that drives currents
+    lag: Callable[[Rows, Sizes], float]  # periods, by which currents come late
+    share: Callable[[Sizes], float]  # of them
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddedVoltage(Effect):
     """Adds a voltage to the machine's equation, whatever other effects there are."""
 
     adds: Callable[[Rows, Sizes], Vector]  # V of each period
+    smooths: Smoothing | None = None  # measured currents are smoothed, and what other effects add comes with them
     by_speed: float = 0.0  # share of the effect's energy that errors of the speed make of the machine's own voltage
 
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:

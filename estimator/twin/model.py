@@ -13,6 +13,7 @@ import numpy as np
 from estimator.arrays import Array, Vector
 from estimator.machine import Machine
 from estimator.physics.angle_sensing import AngleError
+from estimator.physics.current_averaging import ahead
 from estimator.physics.current_sensing import CurrentError, SkewError
 from estimator.physics.effect import (
     AddedVoltage,
@@ -228,7 +229,39 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
         total += voltage_as_present(truth, effect, sizes)
     if changes := flux_changes(model):
         total += voltage_together(truth, changes)
+    for effect, sizes in smoothing(model):
+        total += _more_behind(truth, model, effect, sizes)
     return total
+
+
+def smoothing(model: Model) -> list[tuple[AddedVoltage, Sizes]]:
+    """Effects of the model by which measured currents are smoothed."""
+    return [(effect, sizes) for effect, sizes in of_kind(AddedVoltage, model.effects) if effect.smooths is not None]
+
+
+def behind(truth: Rows, effect: AddedVoltage, sizes: Sizes, v: Vector) -> Vector:
+    """What smoothing makes of a voltage (V of each period, rotor frame) that drives currents, less itself."""
+    assert effect.smooths is not None
+    v_s = v * truth.middle
+    return truth.stationary(effect.smooths.share(sizes) * (effect.smooths.through(truth, sizes, v_s) - v_s))
+
+
+def _more_behind(truth: Rows, model: Model, effect: AddedVoltage, sizes: Sizes) -> Vector | float:
+    """What other effects add (V) to smoothed currents beyond what they add to currents as these are: they act on those
+    before, and it is their voltage that is smoothed.
+
+    Not what a bridge loses: its sign is that of currents which come as late.
+    """
+    assert effect.smooths is not None
+    besides = {effect.name, *(bridge.name for bridge, _ in of_kind(BridgeError, model.effects))}
+    others = {name: each for name, each in model.effects.items() if name not in besides}
+    if not of_kind(AddedVoltage, others) and not of_kind(FluxChange, others):
+        return 0.0
+    rest = replace(model, effects=others)
+    i_s = ahead(truth.i_s, effect.smooths.lag(truth, sizes))
+    before = with_local_course(truth.with_currents(i_s * truth.rotor.conj()), rest)
+    added = effects_voltage(before, rest)
+    return behind(truth, effect, sizes, added) + added - effects_voltage(truth.copy(), rest)
 
 
 def voltage_as_present(truth: Rows, effect: Effect, sizes: Sizes) -> Vector:

@@ -38,11 +38,13 @@ from estimator.physics.rows import Rows
 from estimator.physics.saturation import SATURATIONS, FluxChange, bends, voltage_together
 from estimator.twin.model import (
     Model,
+    behind,
     flux_changes,
     frame_of,
     in_truth,
     left_over,
     see_lost,
+    smoothing,
     voltage_as_present,
     zero_residual,
 )
@@ -127,10 +129,7 @@ def regression(
     r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
-    straighten = None
-    if model.bend is not None:
-        across = np.array([[1.0, noise[1] / noise[0]], [noise[0] / noise[1], 1.0]])
-        straighten = straightening(rows, model, model.bend) * across[:, :, None]
+    straighten = _straighten(rows, model, noise)
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)
     into_truth = frame_of(rows, truth).conj()
@@ -138,6 +137,8 @@ def regression(
     moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
     lost = {j: volts * into_truth for j, volts in moves.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
+    smoothed = _smoothed(truth, model, columns, steps) if coupled else {}
+    lost |= {j: volts + lost.get(j, 0.0) for j, volts in smoothed.items()}
     bridges = {j for j in lost if isinstance(BY_NAME.get(columns[j].owner), BridgeError)}
     r = r * into_truth
     n, P = len(rows), len(columns)
@@ -169,6 +170,15 @@ def regression(
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
     return Regression(columns, gram, count, noise, rows, smooth, model, left, given.unidentified)
+
+
+def _straighten(rows: Rows, model: Model, noise: Noise) -> Array | None:
+    """What makes whitened numbers beside a flux map's bend those of its straight lines, over noise; None without one.
+    """
+    if model.bend is None:
+        return None
+    across = np.array([[1.0, noise[1] / noise[0]], [noise[0] / noise[1], 1.0]])
+    return straightening(rows, model, model.bend) * across[:, :, None]
 
 
 def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -> Iterator[tuple[int, slice, Rows]]:
@@ -327,6 +337,26 @@ def _fill(
                 present[effect.name] = voltage_as_present(rows, effect, step.since)
             np.subtract(effect.voltage(rows, step.to), present[effect.name], out=v[j])
         v[j] *= 1.0 / step.h
+
+
+def _smoothed(
+    rows: Rows, model: Model, columns: Sequence[Coefficient], steps: Sequence[_Step | None]
+) -> dict[int, Vector]:  # fmt: skip
+    """What columns change by where measured currents are smoothed: those of other effects, and of the magnets' flux."""
+    found: dict[int, Vector] = {}
+    for effect, sizes in smoothing(model):
+        for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
+            other = column.owner if step is not None else column.parameter
+            if other == effect.name or (step is None and other != "psi_f") or (step and _is_of_sensor(step.effect)):
+                continue
+            v = np.zeros((1, len(rows)), np.complex128)
+            _fill(rows, model, [column], [step], v, set(), coupled=True)
+            found[j] = behind(rows, effect, sizes, v[0])
+    return found
+
+
+def _is_of_sensor(effect: Effect) -> bool:
+    return isinstance(effect, BridgeError | SensorError)
 
 
 def _answering(columns: Sequence[Coefficient], response: Response | None) -> dict[int, Vector | None]:

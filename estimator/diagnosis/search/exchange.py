@@ -13,7 +13,8 @@ from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import at_an_end, unconfounded
 from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
-from estimator.diagnosis.search.remainder import ROUNDED, TRADES, excess_of, hidden_of, leaves_some
+from estimator.diagnosis.search.remainder import ROUNDED, TRADES, by_chance, excess_of, hidden_of, leaves_some
+from estimator.physics.angle_sensing import AngleError
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
 
@@ -126,6 +127,7 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     instead, forms = _instead(found.search, found.choice, trading), list[tuple[Choice, tuple[str, int]]]()
     if _leaves_more(found) or _has_beyond(found, given):
         forms = _in_other_forms(found)
+    forms += _other_angles(found) if here > hidden_of(found) + by_chance(rows) else []
     for dropped, one in (*instead, *forms):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
@@ -196,6 +198,19 @@ def _in_other_forms(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
             if (name == one[0] and form != present) or one_cause(one, (name, seed)):
                 tried.append(((one,), (name, seed)))
     return tried
+
+
+def _other_angles(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
+    """Errors of the angle that look like one of a fit, in its place: they turn all voltages, and are no lines."""
+    present = [one for one in found.choice if isinstance(BY_NAME[one[0]], AngleError)]
+    others = [
+        other for other in found.search.candidates()
+        if isinstance(BY_NAME[other[0]], AngleError) and other[0] not in found.model.effects
+    ]  # fmt: skip
+    return [
+        ((one,), other) for one in present for other in others
+        if one[0] in _confused(other[0]) or other[0] in _confused(one[0])
+    ]
 
 
 def _is_bending(name: str) -> bool:

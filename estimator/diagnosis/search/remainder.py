@@ -89,7 +89,7 @@ def restarted_from_fewer(rows: Rows, found: Fitted, given: Given) -> Fitted:
     """The fit, or, where it leaves some and the machine alone or with the strongest of its effects leaves less than
     with all, one that begins there: steps led astray.
     """
-    if not found.choice or excess_of(found) < hidden_of(found) + _by_chance(rows):
+    if not found.choice or excess_of(found) < hidden_of(found) + by_chance(rows):
         return found
     fewer = [_bare(found, given)]
     if len(found.choice) > 1:
@@ -147,7 +147,7 @@ def _ringing(
     rungs = [
         rung for drop in tried if (rung := _rung(rows, found, without(found, drop, given)))
         and (_healthy(rung, given) or excess_of(found) - rung.left > rounded)
-        and (rung.left > -_by_chance(rows) or excess_of(found) > _by_chance(rows))  # otherwise it explains noise
+        and (rung.left > -by_chance(rows) or excess_of(found) > by_chance(rows))  # otherwise it explains noise
     ]  # fmt: skip
     if not rungs:
         return None
@@ -156,7 +156,7 @@ def _ringing(
     equal = _CERTAIN + found.search.discrepancy(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
         return None
-    form = _described(rows, rung.bare) if rung.left > _by_chance(rows) else None
+    form = _described(rows, rung.bare) if rung.left > by_chance(rows) else None
     if form is not None and _has_form(form) and not form.description.startswith(RESONANCE):
         return None  # and that explains more
     if more > equal and (both := _rung(rows, found, found)) is not None and both.left < rung.left - _CERTAIN:
@@ -194,7 +194,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     if part is not rows and alone(part, given) is None:
         return None
     bare = of_model(rows, Model(given.machine), given)
-    excess, chance = excess_of(bare), _by_chance(rows)
+    excess, chance = excess_of(bare), by_chance(rows)
     if excess < _FAR_ABOVE_FORM * chance or (left := _described(rows, bare)) is None:
         return None
     if not _has_form(left) or left.where.region["frame"] != "stationary" or _came_once(left):
@@ -311,7 +311,7 @@ def _left_by_form(form: Unexplained, excess: float) -> float:
     return (1.0 - form.where.energy_share) * excess
 
 
-def _by_chance(rows: Rows) -> float:
+def by_chance(rows: Rows) -> float:
     """Chi square that noise may leave above itself."""
     return _NOISE_CHANCE * math.sqrt(4.0 * len(rows))
 
