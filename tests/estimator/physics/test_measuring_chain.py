@@ -10,6 +10,8 @@ import pytest
 
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.harmonics import Harmonics
+from emulator.plant.physics.saturation import Saturation
 from emulator.plant.physics.sensing import CurrentSensing
 from emulator.plant.physics.strangers import Stray
 from estimator.physics.library import BY_NAME
@@ -88,3 +90,32 @@ def test_an_equation_misses_little_of_its_chain(case: str, motor: str) -> None:
     print(f"{motor}, {case}: {before:.3g} per mille of rated current, {after:.3g} with the effect")
     assert after < 0.07 * before
     assert all(name in BY_NAME for name in effects)
+
+
+BESIDE: dict[str, tuple[dict[str, Any], dict[str, tuple[float, ...]]]] = {
+    "harmonics": (
+        {"harmonics": Harmonics(d_6=0.02, q_6=-0.03)}, {"flux_harmonics": (0.02, -0.03, 0.0, 0.0)},
+    ),
+    "d axis": ({"saturation": Saturation(L_d_drop=0.1)}, {"d_axis_saturation": (0.1,)}),
+    "q axis": ({"saturation": Saturation(L_q_drop=0.3)}, {"q_axis_saturation": (0.3,)}),
+}  # fmt: skip
+"""What acts on currents before they are smoothed, and is no straight line: sections, and the effect."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motor", MOTORS)
+@pytest.mark.parametrize("chain", ["mean over three", "mean of three samples", "filter of a period"])
+@pytest.mark.parametrize("other", BESIDE)
+def test_what_other_effects_add_is_smoothed_with_the_currents(other: str, chain: str, motor: str) -> None:
+    """What is left of both is little more than what the smoothing's own equation misses."""
+    scenario = with_effect("none", motor)
+    sections, effects = (make(scenario.drive.T_s) for make in CASES[chain])
+    more, beside = BESIDE[other]
+    rows, plain = (
+        rows_without_noise(replace(scenario, effects=scenario.effects._replace(**each)))
+        for each in ({**sections, **more}, sections)
+    )
+    own, alone = left_of(plain, Model(plain.machine, effects)), left_of(rows, Model(rows.machine, effects))
+    both = left_of(rows, Model(rows.machine, {**effects, **beside}))
+    print(f"{motor}, {chain} beside {other}: {alone:.3g} per mille of rated current, {both:.3g} with both, own {own:.3g}")
+    assert both < own + 0.15 * alone
