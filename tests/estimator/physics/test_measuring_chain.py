@@ -117,5 +117,5 @@ def test_what_other_effects_add_is_smoothed_with_the_currents(other: str, chain:
     )
     own, alone = left_of(plain, Model(plain.machine, effects)), left_of(rows, Model(rows.machine, effects))
     both = left_of(rows, Model(rows.machine, {**effects, **beside}))
-    print(f"{motor}, {chain} beside {other}: {alone:.3g} per mille of rated current, {both:.3g} with both, own {own:.3g}")
+    print(f"{motor}, {chain} beside {other}: {alone:.3g} per mille of rated current, {both:.3g} with it; own {own:.3g}")
     assert both < own + 0.15 * alone
