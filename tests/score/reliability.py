@@ -30,14 +30,14 @@ class Bin(NamedTuple):
 
     low: float
     high: float
-    count: int
+    candidates: int
     there: int
     told: float  # odds of the mean share that is told
 
     @property
     def right(self) -> float:
         """Odds of the share that is there, of which half a candidate more is and is not."""
-        return (self.there + 0.5) / (self.count - self.there + 0.5)
+        return (self.there + 0.5) / (self.candidates - self.there + 0.5)
 
     @property
     def off(self) -> float:
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str]) -> int:
     print(f"{'odds told':>20}{'candidates':>12}{'there':>8}{'told':>10}{'right':>10}{'off':>8}")
     for each in bins(candidates):
         span = f"{10.0**each.low:g} to {10.0**each.high:g}"
-        print(f"{span:>20}{each.count:12}{each.there:8}{each.told:10.3g}{each.right:10.3g}{each.off:8.2f}")
+        print(f"{span:>20}{each.candidates:12}{each.there:8}{each.told:10.3g}{each.right:10.3g}{each.off:8.2f}")
     near = [(odds, there) for odds, there in candidates if EDGES[0] <= odds < EDGES[-1]]
     if near:
         a, b = fitted(near)

@@ -178,7 +178,7 @@ def _bars(rows: Sequence[Row]) -> list[Bar]:
 def _reliable(rows: Sequence[Row]) -> Bar:
     """Of effects of all recordings: odds that are told beside the share that is there."""
     found = bins([each for row in rows for each in row.candidates])
-    judged = [each for each in found if each.count >= FEWEST]
+    judged = [each for each in found if each.candidates >= FEWEST]
     worst = max((each.off for each in judged), default=math.nan)
     what = f"odds of effects, told over right, in bins of {FEWEST} or more"
     return Bar(what, f"within {WITHIN:g} times, 5 bins", f"{worst:.2g}, {len(judged)} bins",
@@ -191,7 +191,7 @@ def reliability(rows: Sequence[Row]) -> Cells:
     for each in bins([each for row in rows for each in row.candidates]):
         span = f"{10.0**each.low:g} to {10.0**each.high:g}"
         numbers = f"{each.told:.3g}", f"{each.right:.3g}", f"{each.off:.2f}"
-        cells.append((span, str(each.count), str(each.there), *numbers))
+        cells.append((span, str(each.candidates), str(each.there), *numbers))
     return cells
 
 
