@@ -58,6 +58,7 @@ _SMALL_STEP: Final = 1e-3  # the same, where a little changes much
 _COLUMN_CHUNK: Final = 4096  # periods at once, whose columns stay near the processor
 _LONG_RECORDING: Final = 200_000  # periods, from which on what effects remember takes much room
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
+_AHEAD: Final = 100  # periods, that effects look ahead at most
 _SMALL_ANGLE: Final = 1e-4  # rad
 _OF_NOMINAL: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
@@ -196,7 +197,7 @@ def _parts(rows: Rows, steps: Sequence[_Step | None], edges: NDArray[np.intp]) -
     for s, (a, b) in enumerate(pairwise(edges.tolist())):
         if long:
             first = max(a - _LEAD, 0)
-            near = rows[first : b + 1]  # the last one has a next
+            near = rows[first : b + _AHEAD]
             _prepare(near, there)
         for begin in range(a, b, _COLUMN_CHUNK):
             end = min(begin + _COLUMN_CHUNK, b)

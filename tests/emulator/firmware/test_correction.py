@@ -176,7 +176,7 @@ def test_flux_linkages_of_tables_are_those_of_a_saturated_machine() -> None:
 
 def flux_at(motor: Any, curve: Any, i: complex) -> complex:
     """Flux linkage (Vs) of a saturating machine at a current, by Newton's way, from the formula of the effect."""
-    a_d, a_q, c = curve
+    a_d, a_q, c, _ = curve
     psi_0 = motor.psi_f
     g_d, g_q = 1.0 / motor.L_d - 3.0 * a_d * psi_0**2, 1.0 / motor.L_q - c * psi_0**2
     i_f = g_d * psi_0 + a_d * psi_0**3

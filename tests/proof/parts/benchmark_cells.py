@@ -16,6 +16,7 @@ import numpy as np
 from bench.recordings.foreign.content import NOTES
 from drivers.wire.codec import channel_signal, count_size
 from emulator.conceal.chance import Chance
+from emulator.conceal.populations import KINDS
 from emulator.conceal.recording import full_scales, recorded
 from emulator.drive.virtual_drive import Column, VirtualDrive
 from emulator.plant.inverter import longest
@@ -237,7 +238,10 @@ _CLASSES: Final = {
 def _truth(cell: Cell, scenario: Scenario, name: str, periods: int) -> Truth:
     """Effects by the names of the diagnosis; the one of a common gain of all voltages is the dc link's gain."""
     classes = [each for family in cell.families for each in _CLASSES.get(family, ())]
-    answer = {"recording": name, "classes": classes, "periods": periods, "scenario": text_of(scenario)}
+    kind = KINDS[min(len(classes), 3)]
+    answer = {
+        "recording": name, "kind": kind, "classes": classes, "periods": periods, "scenario": text_of(scenario),
+    }  # fmt: skip
     truth = truth_of(answer)
     misread: dict[str, dict[str, Size]] = {}
     if cell.has("voltage"):
@@ -245,7 +249,7 @@ def _truth(cell: Cell, scenario: Scenario, name: str, periods: int) -> Truth:
         largest = max(abs(d), abs(q))
         offsets = {"offset_d": Size(d, largest, "V"), "offset_q": Size(q, largest, "V")}
         misread = {"dc_link_gain": {"gain": Size(gain, abs(gain - 1.0), "1")}, "voltage_offset": offsets}
-    return replace(truth, effects={**truth.effects, **misread}, classes=())  # no class of a population
+    return replace(truth, effects={**truth.effects, **misread}, classes=(), subjects=())  # no class of a population
 
 
 def _data_sheet(nominal: Machine) -> str:
