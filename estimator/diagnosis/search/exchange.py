@@ -22,6 +22,7 @@ _WORTH_MORE: Final = 2.0  # times what several effects leave: more, and the one 
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
 _ALL_BUT: Final = 0.1  # of what one effect explains, that another may explain less at a shape to begin with
 _BEYOND_BENT: Final = 0.5  # the same of two that bend and look like the machine's parameters
+_ALIKE: Final = 2  # pole pairs: an encoder's second order is one of an electrical turn
 _BENDING: Final = tuple(effect.name for effect in LIBRARY if effect.bends)
 """Effects that make up for each other, and for the machine's parameters."""
 
@@ -127,7 +128,8 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     instead, forms = _instead(found.search, found.choice, trading), list[tuple[Choice, tuple[str, int]]]()
     if _leaves_more(found) or _has_beyond(found, given):
         forms = _in_other_forms(found)
-    forms += _other_angles(found) if here > hidden_of(found) + by_chance(rows) else []
+    if rows.machine.n_p <= _ALIKE or here > hidden_of(found) + by_chance(rows):
+        forms += _other_angles(found)
     for dropped, one in (*instead, *forms):
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
