@@ -88,14 +88,18 @@ def inverter(recorded: Recorded) -> Compensation:
     Of a compensation that is told beside the dead time, what it lacks or is too much.
     """
     name, other = "inverter_voltage_error", "dead_time_compensation"
-    told = recorded.found.get(name, {})
-    dead_time = _less(told.get("dead_time", Size(0.0)), recorded.found.get(other, {}).get("time", Size(0.0)))
+    told, T_s, u_dc = recorded.found.get(name, {}), recorded.T_s, recorded.u_dc
     drop = told.get("u_drop") or told.get("voltage") or Size(0.0)
+    dead_time, added = told.get("dead_time", Size(0.0)), recorded.found.get(other, {}).get("time", Size(0.0))
+    if dead_time.value > 0.0 and T_s is not None and u_dc is not None:  # it is added for both alike
+        share = added.value / (dead_time.value + drop.value * T_s / u_dc)
+        added = Size(share * dead_time.value, added.std)
+        drop = _less(drop, Size(share * drop.value, 0.0))
+    dead_time = _less(dead_time, added)
     if name in recorded.found and "dead_time" not in told and "voltage" not in told:
         recorded.of(name, "dead_time")
     width = max(told.get("zero_crossing_width", Size(0.0)).value, _RIPPLE * recorded.i_rated)
     knee, mode = told.get("knee", Size(0.0)).value, recorded.was("inverter_correction")
-    T_s, u_dc = recorded.T_s, recorded.u_dc
     names = tuple(each for each in (name, other) if each in recorded.found)
     lost = drop.value if T_s is None or u_dc is None else drop.value + dead_time.value / T_s * u_dc
     if mode == BY_TABLE or (knee > width and drop.value > _SOFT * lost):
