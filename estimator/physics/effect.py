@@ -1,7 +1,7 @@
 """What an effect is, and the kinds of effects there are."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Final
 
@@ -57,6 +57,15 @@ class Effect:
     def sizes(self) -> tuple[int, ...]:
         """Places of the parameters that are sizes."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+    def in_order(self, shapes: Sequence[float], sizes: Mapping[int, float] | None = None) -> tuple[float, ...]:
+        """Its parameters of these shapes and sizes, these by their places; sizes that are not given are none."""
+        left, given = iter(shapes), sizes or {}
+        return tuple(next(left) if p.shape else given.get(k, 0.0) for k, p in enumerate(self.parameters))
+
+    def none_at(self, sizes: Sizes) -> tuple[float, ...]:
+        """Its parameters where there is none of it, and its shapes are as they are."""
+        return tuple(x if p.shape else 0.0 for x, p in zip(sizes, self.parameters, strict=True))
 
     def voltage(self, rows: Rows, sizes: Sizes) -> Vector:
         """What it adds (V of each period, rotor frame) to the voltage that the currents and the rotor's turning imply.

@@ -225,12 +225,16 @@ def effects_voltage(truth: Rows, model: Model) -> Vector:
     What the bridge loses is worked out once: of rows in this model's truth, or of a model without the bridge's effect.
     """
     total, truth = np.zeros(len(truth), np.complex128), _as_seen(truth, model)
+    for effect, sizes in smoothing(model):  # one at most: forms of one cause
+        in_time = {effect.name, *(bridge.name for bridge, _ in of_kind(BridgeError, model.effects))}
+        rest = {name: each for name, each in model.effects.items() if name not in in_time}
+        if rest:
+            total += _smoothed_beside(truth, replace(model, effects=rest), effect, sizes)
+        model = replace(model, effects={name: model.effects[name] for name in model.effects if name in in_time})
     for effect, sizes in of_kind(AddedVoltage, model.effects):
         total += voltage_as_present(truth, effect, sizes)
     if changes := flux_changes(model):
         total += voltage_together(truth, changes)
-    for effect, sizes in smoothing(model):
-        total += _more_behind(truth, model, effect, sizes)
     return total
 
 
@@ -246,22 +250,16 @@ def behind(truth: Rows, effect: AddedVoltage, sizes: Sizes, v: Vector) -> Vector
     return truth.stationary(effect.smooths.share(sizes) * (effect.smooths.through(truth, sizes, v_s) - v_s))
 
 
-def _more_behind(truth: Rows, model: Model, effect: AddedVoltage, sizes: Sizes) -> Vector | float:
-    """What other effects add (V) to smoothed currents beyond what they add to currents as these are: they act on those
-    before, and it is their voltage that is smoothed.
+def _smoothed_beside(truth: Rows, rest: Model, effect: AddedVoltage, sizes: Sizes) -> Vector:
+    """What the rest of a model adds (V) to smoothed currents: it acts on those before, and its voltage is smoothed.
 
-    Not what a bridge loses: its sign is that of currents which come as late.
+    What a bridge loses is not of the rest: its sign is that of currents which come as late.
     """
     assert effect.smooths is not None
-    besides = {effect.name, *(bridge.name for bridge, _ in of_kind(BridgeError, model.effects))}
-    others = {name: each for name, each in model.effects.items() if name not in besides}
-    if not of_kind(AddedVoltage, others) and not of_kind(FluxChange, others):
-        return 0.0
-    rest = replace(model, effects=others)
     i_s = ahead(truth.i_s, effect.smooths.lag(truth, sizes))
     before = with_local_course(truth.with_currents(i_s * truth.rotor.conj()), rest)
     added = effects_voltage(before, rest)
-    return behind(truth, effect, sizes, added) + added - effects_voltage(truth.copy(), rest)
+    return behind(truth, effect, sizes, added) + added
 
 
 def voltage_as_present(truth: Rows, effect: Effect, sizes: Sizes) -> Vector:

@@ -219,13 +219,6 @@ def _remember(rows: Rows, steps: Sequence[_Step]) -> None:
                 step.effect.remembers(rows, sizes)
 
 
-def _in_order(effect: Effect, shapes: Sequence[float], sizes: dict[int, float]) -> tuple[float, ...]:
-    left = iter(shapes)
-    return tuple(
-        next(left) if parameter.shape else sizes.get(k, 0.0) for k, parameter in enumerate(effect.parameters)
-    )
-
-
 def _model_coefficients(rows: Rows, model: Model, given: Given, library: Sequence[Effect]) -> tuple[Coefficient, ...]:
     found: list[Coefficient] = []
     for k, name in enumerate(PARAMETERS):
@@ -289,10 +282,10 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
     parameter = effect.parameters[column.place]
     if column.seed >= 0:
         h = parameter.typical(rows)
-        return _Step(effect, _in_order(effect, effect.shapes(rows)[column.seed], {column.place: h}), None, h)
+        return _Step(effect, effect.in_order(effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
     if _is_taken_off(effect) and _change_of(effect) is None:  # rows are rid of it already
-        at = tuple(x if p.shape else 0.0 for x, p in zip(at, effect.parameters, strict=True))
+        at = effect.none_at(at)
     h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
 
@@ -347,17 +340,16 @@ def _smoothed(
     found: dict[int, Vector] = {}
     for effect, sizes in smoothing(model):
         for j, (column, step) in enumerate(zip(columns, steps, strict=True)):
-            other = column.owner if step is not None else column.parameter
-            if other == effect.name or (step is None and other != "psi_f") or (step and _is_of_sensor(step.effect)):
+            if step is None:
+                comes_late = column.parameter == "psi_f"
+            else:  # what a bridge loses, and what errs, is of currents that come as late
+                comes_late = column.owner != effect.name and not isinstance(step.effect, BridgeError | SensorError)
+            if not comes_late:
                 continue
             v = np.zeros((1, len(rows)), np.complex128)
             _fill(rows, model, [column], [step], v, set(), coupled=True)
             found[j] = behind(rows, effect, sizes, v[0])
     return found
-
-
-def _is_of_sensor(effect: Effect) -> bool:
-    return isinstance(effect, BridgeError | SensorError)
 
 
 def _answering(columns: Sequence[Coefficient], response: Response | None) -> dict[int, Vector | None]:

@@ -398,7 +398,7 @@ def _between(one: Model, other: Model) -> Model:
     effects: dict[str, tuple[float, ...]] = {}
     for name, sizes in other.effects.items():
         parameters = BY_NAME[name].parameters
-        before = one.effects.get(name, tuple(0.0 if not p.shape else x for p, x in zip(parameters, sizes, strict=True)))
+        before = one.effects.get(name, BY_NAME[name].none_at(sizes))
         effects[name] = tuple(
             y if p.discrete else 0.5 * (x + y) for p, x, y in zip(parameters, before, sizes, strict=True)
         )

@@ -53,9 +53,7 @@ def _without(effects: Mapping[str, Sizes], name: str) -> dict[str, Sizes]:
 
 def _none_of(name: str, fit: Refitted) -> Sizes:
     """Of an effect that no recording has: none of it, at the first of its shapes."""
-    effect = BY_NAME[name]
-    shapes = iter(effect.shapes(fit.found.smooth)[0])
-    return tuple(next(shapes) if p.shape else 0.0 for p in effect.parameters)
+    return BY_NAME[name].in_order(BY_NAME[name].shapes(fit.found.smooth)[0])
 
 
 def _agree(fits: Sequence[Refitted]) -> float:

@@ -106,9 +106,7 @@ class Refitted:
         told = told_sizes(effect, smooth, self.found, one)
         form = told_sizes(effect, smooth, self.found, one, self.found.search.form_covariance(self.found.choice))
         if not self.shows(name):
-            at_none = tuple(
-                x if p.shape else 0.0 for x, p in zip(self.effects[name], effect.parameters, strict=True)
-            )
+            at_none = effect.none_at(self.effects[name])
             sized = {p.name: at_none[k] for k, p in enumerate(effect.parameters)}
             if effect.told is not None:
                 sized = {name: value for name, (value, _) in effect.told(smooth, at_none).items()}
