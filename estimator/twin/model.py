@@ -256,7 +256,7 @@ def _smoothed_beside(truth: Rows, rest: Model, effect: AddedVoltage, sizes: Size
     What a bridge loses is not of the rest: its sign is that of currents which come as late.
     """
     assert effect.smooths is not None
-    i_s = ahead(truth.i_s, effect.smooths.lag(truth, sizes))
+    i_s = ahead(truth.i_s, effect.smooths.share(sizes) * effect.smooths.lag(truth, sizes))
     before = with_local_course(truth.with_currents(i_s * truth.rotor.conj()), rest)
     added = effects_voltage(before, rest)
     return behind(truth, effect, sizes, added) + added
