@@ -11,8 +11,7 @@ import numpy as np
 
 from estimator.physics.rows import Rows
 
-MOST_PERIODS: Final = 60_000  # periods
-BLOCKS: Final = 96
+PARTS: Final = ((16_000, 32), (64_000, 96))  # periods, and blocks of them, that find what is strong
 _WORTH_THINNING: Final = 2  # times as many, from which on it saves time
 _SETTLING: Final = 100  # periods, in which the fields and filters of effects settle
 _LONGER_RUN: Final = 10  # as many times longer is a run at least
@@ -37,7 +36,13 @@ def settled(rows: Rows) -> Rows:
     return rows.changed(joined=joined)
 
 
-def thinned(rows: Rows, most: int = MOST_PERIODS, blocks: int = BLOCKS) -> Rows:
+def in_parts(rows: Rows) -> list[Rows]:
+    """Few of the rows, more of them where there are many, and all."""
+    parts = (thinned(rows, *part) for part in PARTS)
+    return [*(part for part in parts if part is not rows), rows]
+
+
+def thinned(rows: Rows, most: int, blocks: int) -> Rows:
     """So many periods of them, in blocks that are not `joined`; the rows themselves where they are not many more.
 
     The first periods of a block are not `joined` either. Each block lies elsewhere in its part of the recording, so

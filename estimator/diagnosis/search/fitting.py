@@ -18,7 +18,7 @@ from estimator.diagnosis.likelihood.columns import BENDS, VoltageSlopes, regress
 from estimator.diagnosis.likelihood.evidence import PLACED, Choice, Search
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.noise import Noise, as_in, flux_errors
-from estimator.diagnosis.likelihood.thinning import thinned
+from estimator.diagnosis.likelihood.thinning import PARTS, in_parts, thinned
 from estimator.diagnosis.search.flux_step import with_step_in_place
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.effect import Effect, Sizes
@@ -29,7 +29,7 @@ from estimator.twin.response import Response
 
 ROUNDS: Final = 9
 POLISHED: Final = 6  # times a round
-_WHOLE_ROUNDS: Final = (2, 2)  # rounds, and times a round, where blocks of rows have found a model
+_POLISHED_AGAIN: Final = 2  # times a round, where fewer rows have found a model
 _FINDING_BLOCKS: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
 _BEYOND_LINES: Final = 3  # the same, where equations are far from lines
@@ -46,7 +46,9 @@ _OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who bring
 class Fitted:
     """What a recording's rows say."""
 
-    def __init__(self, rows: Rows, model: Model, clean: Clean, search: Callable[[], Search]) -> None:
+    def __init__(
+        self, rows: Rows, model: Model, clean: Clean, own: Search, search: Callable[[], Search] | None = None
+    ) -> None:
         assert clean.noise is not None
         self.model: Final = model
         self.choice: Final = _present(model)
@@ -55,53 +57,57 @@ class Fitted:
         self.z: Final[Vector] = clean.z
         """Vs, whitened residual."""
         self.noise: Final = clean.noise
+        self.own: Final = own
+        """Around the model, of its own effects at least."""
         self._search = search
 
     @cached_property
     def search(self) -> Search:
         """Around the model, of all effects: it takes longer than many a fit that is asked for its rest alone."""
-        return self._search()
+        return self.own if self._search is None else self._search()
 
 
+Progress = Callable[[float, str], None]
+"""What is done, as a share, and its name."""
 _Polish = Callable[[Rows, Clean, Model, Given], tuple[Model, Clean, bool]]
 
 
 def fitted(
-    rows: Rows, given: Given, progress: Callable[[float, str], None] = lambda _share, _phase: None,
+    rows: Rows, given: Given, progress: Progress = lambda _share, _phase: None,
     library: Sequence[Effect] = LIBRARY, begin: Model | None = None,
 ) -> Fitted:  # fmt: skip
     """The model that explains the rows.
 
-    Of a long recording, blocks of rows find it, and all of them have the last word. It begins with the nominal machine,
+    Blocks of rows find it, then more of them, and all of them have the last word. It begins with the nominal machine,
     or what is given.
     """
-    part, begin = thinned(rows), begin or Model(given.machine)
-    if part is rows:
-        return _fitted_from(rows, begin, False, given, progress, library)
-    found = _fitted_from(part, begin, False, given, lambda share, phase: progress(0.5 * share, phase), library)
+    *parts, whole = in_parts(rows)
+    model, nearly, share = begin or Model(given.machine), False, 1.0 / (len(parts) + 1)
+    for n, part in enumerate(parts):
+        model = _fitted_from(part, model, nearly, given, _from(progress, n * share, share), library).model
+        nearly = True
+    return _fitted_from(whole, model, nearly, given, _from(progress, 1.0 - share, share), library)
 
-    def of_all(share: float, phase: str) -> None:
-        progress(0.5 + 0.5 * share, f"{phase}, all rows")
 
-    return _fitted_from(rows, found.model, True, given, of_all, library)
+def _from(progress: Progress, done: float, share: float) -> Progress:
+    """Progress of a part that is a share of the whole, where others are done."""
+    return lambda there, phase: progress(done + share * there, phase)
 
 
 def at_nominal(rows: Rows, given: Given) -> Search:
     """Around the nominal machine, of no effect, by currents as they are; of a long recording, by blocks of it."""
-    part = thinned(rows)
+    part = thinned(rows, *PARTS[-1])
     return _search(part, raw(part), Model(given.machine), given, ())
 
 
 def of_model(rows: Rows, begin: Model, given: Given) -> Fitted:
     """The best model of a model's own effects, needed or not, and a search that knows these alone."""
     model, clean, _ = polished(rows, raw(rows), begin, given)
-    library = tuple(BY_NAME[name] for name in model.effects)
-    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given, library))
+    return Fitted(rows, model, clean, _search(rows, clean, model, given, _own(model)))
 
 
 def _fitted_from(
-    rows: Rows, model: Model, nearly: bool, given: Given, progress: Callable[[float, str], None],
-    library: Sequence[Effect],
+    rows: Rows, model: Model, nearly: bool, given: Given, progress: Progress, library: Sequence[Effect]
 ) -> Fitted:  # fmt: skip
     """From a model on; `nearly`: blocks of the rows have found it.
 
@@ -110,7 +116,7 @@ def _fitted_from(
     """
     clean, settled = raw(rows), False
     if nearly or given.answered:
-        model, clean, settled = polished(rows, clean, model, given, _WHOLE_ROUNDS[1] if nearly else POLISHED)
+        model, clean, settled = polished(rows, clean, model, given, _POLISHED_AGAIN if nearly else POLISHED)
     attempt, barred = 1, frozenset[str]()
     while True:
         model, clean, last = _rounds(rows, clean, model, settled, nearly, given, progress, library, barred)
@@ -126,7 +132,7 @@ def _fitted_from(
         attempt += 1  # others show without what led astray
     if model.steep:
         model, clean, last = _pruned(rows, clean, model, _present(model), given, _polished, library)
-    return Fitted(rows, model, clean, lambda: last)
+    return Fitted(rows, model, clean, last)
 
 
 def _pruned(
@@ -139,7 +145,7 @@ def _pruned(
     while True:
         kept = replace(model, effects={name: model.effects[name] for name, _ in needed})
         model, clean, _ = polish(rows, clean, kept, given)
-        last = _search(rows, clean, model, given, library or tuple(BY_NAME[name] for name in model.effects))
+        last = _search(rows, clean, model, given, library or _own(model))
         needed = last.without_needless(_present(model))
         if len(needed) == len(model.effects):
             return model, clean, last
@@ -147,15 +153,15 @@ def _pruned(
 
 def _rounds(
     rows: Rows, clean: Clean, model: Model, settled: bool, nearly: bool, given: Given,
-    progress: Callable[[float, str], None], library: Sequence[Effect], barred: Set[str],
+    progress: Progress, library: Sequence[Effect], barred: Set[str],
 ) -> tuple[Model, Clean, Search]:  # fmt: skip
     """Effects are added, taken away and exchanged until nothing changes; those that are `barred` are not added, nor one
     whose promise equations have not borne out near this model.
     """
-    rounds, times = _WHOLE_ROUNDS if nearly else (ROUNDS, POLISHED)
+    times = _POLISHED_AGAIN if nearly else POLISHED
     seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
     in_vain = dict[str, tuple[float, Set[str]]]()  # what was left where they promised, and beside which effects
-    for n in range(rounds):
+    for n in range(ROUNDS):
         search = _search(rows, clean, model, given, library)
         search.barred |= barred | {
             name for name, (left, beside) in in_vain.items()
@@ -181,7 +187,7 @@ def _rounds(
                 in_vain |= {name: at for name, seed in choice if seed >= 0}
                 kept = False
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
-        progress((n + 1) / rounds, f"fitting, effects so far: {len(model.effects) or 'none'}")
+        progress((n + 1) / ROUNDS, f"fitting, effects so far: {len(model.effects) or 'none'}")
         seen.append(frozenset(model.effects))
         if kept and len(seen) > 1 and seen[-1] == seen[-2]:
             break
@@ -205,6 +211,10 @@ def _placed(
 
 def _present(model: Model) -> Choice:
     return tuple((name, -1) for name in model.effects)
+
+
+def _own(model: Model) -> tuple[Effect, ...]:
+    return tuple(BY_NAME[name] for name in model.effects)
 
 
 def _search(
@@ -245,8 +255,8 @@ def closely(found: Fitted, given: Given) -> Fitted:
 def _needed_of(found: Fitted, model: Model, given: Given, polish: _Polish) -> Fitted:
     """The best model of those effects of a model that bring their due."""
     rows, clean = found.rows, Clean(found.smooth, found.z, found.noise)
-    model, clean, _ = _pruned(rows, clean, model, _present(model), given, polish)
-    return Fitted(rows, model, clean, lambda: _search(rows, clean, model, given))
+    model, clean, own = _pruned(rows, clean, model, _present(model), given, polish)
+    return Fitted(rows, model, clean, own, lambda: _search(rows, clean, model, given))
 
 
 def searched(rows: Rows, model: Model, given: Given, name: str) -> tuple[Search, Vector, Noise]:

@@ -13,7 +13,7 @@ from estimator.diagnosis.likelihood.columns import as_parameters
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import LEAST_EVIDENT_SHARE
 from estimator.diagnosis.likelihood.noise import filter_of, flux_errors, noise_of, whitened
-from estimator.diagnosis.likelihood.thinning import thinned
+from estimator.diagnosis.likelihood.thinning import PARTS, thinned
 from estimator.diagnosis.search.fitting import Fitted, fitted
 from estimator.diagnosis.search.flux_map_fit import FluxMap, map_begun, told_map
 from estimator.diagnosis.search.remainder import above_noise, excess_of
@@ -36,7 +36,7 @@ def fitted_by_map(rows: Rows, given: Given, found: Fitted, progress: Callable[[f
     slow, fast = np.quantile(np.abs(rows.omega_e[rows.joined]), [0.02, 0.98]).tolist()
     if fast - slow < _SPEEDS_APART * fast:
         return None
-    part, starts = thinned(rows), list[tuple[float, Model]]()
+    part, starts = thinned(rows, *PARTS[-1]), list[tuple[float, Model]]()
     for model in (Model(given.machine), found.model):
         if (begin := map_begun(part, model)) is not None:
             z = flux_errors(residual(part, part, begin), part, begin)

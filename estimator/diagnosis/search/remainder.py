@@ -23,7 +23,7 @@ from estimator.diagnosis.likelihood.identifiability import (
     unconfounded,
 )
 from estimator.diagnosis.likelihood.noise import Noise, as_in, filter_of, flux_errors, noise_of, whitened
-from estimator.diagnosis.likelihood.thinning import thinned
+from estimator.diagnosis.likelihood.thinning import PARTS, thinned
 from estimator.diagnosis.search.fitting import Fitted, fitted, of_model, without
 from estimator.diagnosis.unnamed.describe import RESONANCE, best_resonance, describe, rings
 from estimator.diagnosis.verdict import Unexplained
@@ -65,9 +65,9 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
 
     Not where currents move little beyond their noise: voltages that answer noise look like it.
     """
-    if found.choice or least_moved(found.search)[1] < WEAK:
+    if found.choice or least_moved(found.own)[1] < WEAK:
         return None
-    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.search.discrepancy(())
+    at, least = _flux_errors(rows, found), _RESOUNDS + ROUNDED * hidden_of(found) + found.own.discrepancy(())
     told = best_resonance(*at, found.smooth.with_machine(found.model.machine), least)
     return told[0] if told is not None and told[1].gain > least * at[2][0] * at[2][1] else None
 
@@ -75,14 +75,14 @@ def _faint_resonance(rows: Rows, found: Fitted) -> Unexplained | None:
 def leaves_some(found: Fitted) -> bool:
     """More than noise and what the effects' equations may miss, be it an encoder's rounding."""
     n = int(found.rows.joined.sum())
-    return excess_of(found) > found.search.discrepancy(found.choice) + _NO_MISMATCH * 2.0 * n
+    return excess_of(found) > found.own.discrepancy(found.choice) + _NO_MISMATCH * 2.0 * n
 
 
 def _discrepancy(found: Fitted) -> float:
     """Chi square that effects' equations may leave, and the angle's rounding in voltages that are read early."""
     early, noise = found.model.effects.get(voltage_delay.EFFECT.name), found.noise
     foreseen = 0.0 if early is None else voltage_delay.foreseen_energy(found.rows, early)
-    return found.search.discrepancy(found.choice) + foreseen / (noise[0] * noise[1])
+    return found.own.discrepancy(found.choice) + foreseen / (noise[0] * noise[1])
 
 
 def restarted_from_fewer(rows: Rows, found: Fitted, given: Given) -> Fitted:
@@ -93,7 +93,7 @@ def restarted_from_fewer(rows: Rows, found: Fitted, given: Given) -> Fitted:
         return found
     fewer = [_bare(found, given)]
     if len(found.choice) > 1:
-        strongest = max(found.choice, key=lambda one: found.search.explained(found.choice, one))
+        strongest = max(found.choice, key=lambda one: found.own.explained(found.choice, one))
         fewer.append(without(found, [name for name, _ in found.choice if name != strongest[0]], given))
     least = min(fewer, key=excess_of, default=found)
     return fitted(rows, given, begin=least.model) if excess_of(least) < excess_of(found) else found
@@ -114,7 +114,7 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
     Of the nominal machine, where what is left has led a parameter to its bound.
     """
     there, model = rows.with_machine(found.model.machine), found.model
-    if model.bend is None and held_at_bound(found.search, found.choice):
+    if model.bend is None and held_at_bound(found.own, found.choice):
         there, model = rows, Model(rows.machine)
     elif model.bend is None:
         return there, found.z, found.noise[:2]
@@ -153,7 +153,7 @@ def _ringing(
         return None
     rung = min(rungs, key=lambda one: one.left)
     more = excess_of(found) - rung.left
-    equal = _CERTAIN + found.search.discrepancy(found.choice) + ROUNDED * hidden_of(found)
+    equal = _CERTAIN + found.own.discrepancy(found.choice) + ROUNDED * hidden_of(found)
     if more < -_CERTAIN or (not losses and more < equal):
         return None
     form = _described(rows, rung.bare) if rung.left > by_chance(rows) else None
@@ -190,7 +190,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
 
     The likeliest effects leave far more in its place. Of a long recording blocks are asked first.
     """
-    part = thinned(rows)
+    part = thinned(rows, *PARTS[-1])
     if part is not rows and alone(part, given) is None:
         return None
     bare = of_model(rows, Model(given.machine), given)
@@ -226,8 +226,8 @@ def without_spurious(rows: Rows, found: Fitted, left: Unexplained | None, given:
     none: they are its disguise. Where nothing is left without those that are gone, they had led astray: others may
     show now. Nor one that looks like the machine, which is none with it.
     """
-    while (held := held_at_bound(found.search, found.choice) is not None) or _far_off(found, given):
-        name = like_machine(found.search, found.choice)
+    while (held := held_at_bound(found.own, found.choice) is not None) or _far_off(found, given):
+        name = like_machine(found.own, found.choice)
         other = found if name is None else without(found, [name], given)
         if other is found or not (held or (_is_machine(other, given) and _by_rounding(other, found))):
             break
@@ -257,7 +257,7 @@ def without_spurious(rows: Rows, found: Fitted, left: Unexplained | None, given:
         if form is not None and _has_form(form):
             left_by_form = _left_by_form(form, excess_of(bare))
             same = resonance is not None and form.description.startswith(RESONANCE)
-            if same or left_by_form < excess_of(found) or held_at_bound(found.search, found.choice):
+            if same or left_by_form < excess_of(found) or held_at_bound(found.own, found.choice):
                 return WithoutSpurious(bare, form)
     return WithoutSpurious(found, left, faint)
 
@@ -273,7 +273,7 @@ def _as_told(found: Fitted, given: Given) -> Fitted:
     """
     if _as_data_sheet(found, given, _CLEARLY_OFF):
         return found
-    trading = [name for name, share in unconfounded(found.search, found.choice).items() if share < TRADES]
+    trading = [name for name, share in unconfounded(found.own, found.choice).items() if share < TRADES]
     others = (without(found, [name], given) for name in trading)
     return next((other for other in others if _as_data_sheet(other, given) and _by_rounding(other, found)), found)
 
@@ -291,7 +291,7 @@ def _by_rounding(other: Fitted, found: Fitted) -> bool:
 
 def _is_machine(found: Fitted, given: Given) -> bool:
     """No parameter is far off, or held at its bound."""
-    return held_at_bound(found.search, found.choice) is None and not _far_off(found, given)
+    return held_at_bound(found.own, found.choice) is None and not _far_off(found, given)
 
 
 def _has_form(left: Unexplained) -> bool:
@@ -334,7 +334,7 @@ def above_noise(z: Vector, noise: Noise, rows: Rows) -> float:
 
 def _outshone(found: Fitted) -> list[str]:
     """Effects that explain little beside what is left without a name: they only lean on it."""
-    search, choice, excess = found.search, found.choice, excess_of(found)
+    search, choice, excess = found.own, found.choice, excess_of(found)
     return [one[0] for one in choice if search.explained(choice, one) < LEAST_EVIDENT_SHARE * excess]
 
 

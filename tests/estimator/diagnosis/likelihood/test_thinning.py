@@ -11,7 +11,7 @@ from emulator.conceal.suite import Suite, make
 from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.likelihood.columns import regression
 from estimator.diagnosis.likelihood.given import Given
-from estimator.diagnosis.likelihood.thinning import BLOCKS, settled, thinned
+from estimator.diagnosis.likelihood.thinning import PARTS, in_parts, settled, thinned
 from estimator.diagnosis.verdict import Verdict
 from estimator.machine import PARAMETERS, Machine
 from estimator.physics.rows import Rows, rows_of
@@ -20,6 +20,7 @@ from estimator.twin.model import Model
 from tests.score.diagnosed import loaded
 
 T_s = 1e-4
+BLOCKS = 96
 MACHINE = Machine(0.5, 1.5e-3, 2e-3, 0.07, 4, 9.0)
 
 
@@ -37,7 +38,7 @@ def long_rows(n: int) -> Rows:
 
 def test_blocks_are_rows_as_they_are_from_the_first_to_the_last() -> None:
     rows = long_rows(30_001)
-    part = thinned(rows, 9600)
+    part = thinned(rows, 9600, BLOCKS)
     assert len(part) == 9600 + BLOCKS - 1  # and the seams
     assert part.t[0] == rows.t[0]
     assert part.t[-1] == rows.t[-1]
@@ -74,7 +75,7 @@ def test_what_is_next_to_a_gap_does_not_count_as_long_as_that_is_little(gaps: in
 
 def test_blocks_lie_at_all_places_of_what_comes_again_and_again() -> None:
     rows = long_rows(96_001)
-    first = np.rint((thinned(rows, 9600).t - rows.t[0]) / T_s).astype(int)
+    first = np.rint((thinned(rows, 9600, BLOCKS).t - rows.t[0]) / T_s).astype(int)
     assert np.all(np.histogram(first % 1000, 20, (0, 1000))[0] > 0.4 * len(first) / 20)
 
 
@@ -94,7 +95,16 @@ def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pyte
 
 def test_few_rows_stay_as_they_are() -> None:
     rows = long_rows(9000)
-    assert thinned(rows, 9000) is rows
+    assert thinned(rows, 9000, BLOCKS) is rows
+    assert in_parts(rows) == [rows]
+
+
+def test_many_rows_come_few_first() -> None:
+    rows = long_rows(150_001)
+    few, more, whole = in_parts(rows)
+    assert len(few) == pytest.approx(16_000, abs=100)
+    assert len(more) == pytest.approx(64_000, abs=100)
+    assert whole is rows
 
 
 def concealed(folder: Path, kind: str, seed: int) -> tuple[list[Samples], Machine]:
@@ -115,7 +125,7 @@ def test_a_long_recording_tells_its_effects(tmp_path: Path) -> None:
 def test_a_burst_between_the_blocks_is_left_unexplained(tmp_path: Path) -> None:
     runs, nominal = concealed(tmp_path, "none", 79)
     (run,) = runs
-    part = thinned(rows_of([run], nominal, 9.0))
+    part = thinned(rows_of([run], nominal, 9.0), *PARTS[-1])
     gap = int(np.argmax(np.diff(part.t)))
     begin, end = float(part.t[gap]), float(part.t[gap + 1])
     t = run.t0 + run.T_s * np.arange(len(run))
