@@ -56,6 +56,9 @@ def _parser() -> argparse.ArgumentParser:
         "--chain", action="store_true", help="with a measuring chain drawn for each, and two current sensors in most"
     )
     parser.add_argument(
+        "--current-sensors", type=int, default=0, choices=(2, 3), help="of each drive (default: as drawn, or three)"
+    )
+    parser.add_argument(
         "--size", nargs=2, type=float, default=(0.0, 1.0), metavar=("LOW", "HIGH"),
         help="part of each class's range, 0 to 1 of its logarithm (default 0 1)",
     )  # fmt: skip
@@ -86,7 +89,8 @@ class _List(argparse.Action):
 def _suite(options: argparse.Namespace) -> Suite:
     low, high = options.size
     kinds, motors = tuple(options.kinds), tuple(options.motors)
-    choice = Choice(options.seed, kinds, (low, high), motors, options.length, options.chain)
+    length, sensors = options.length, options.current_sensors
+    choice = Choice(options.seed, kinds, (low, high), motors, length, options.chain, sensors)
     return Suite(choice, options.count, options.out, options.answers, options.workers)
 
 

@@ -32,6 +32,7 @@ class Choice:
     motors: tuple[str, ...]
     length: float  # s
     chain: bool = False  # a measuring chain is drawn for each
+    current_sensors: int = 0  # of each; 0: as many as its chain has, three without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +57,11 @@ def drawn(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column]]
     chance = Chance(choice.seed, number, "class")
     kind = chance.one_of(choice.kinds)
     chain = drawn_chain(Chance(choice.seed, number, "chain")) if choice.chain else MeasuringChain(3, ())
+    sensors = choice.current_sensors or chain.current_sensors
     classes = (*(own := chosen(kind, chance)), *(name for name in chain.classes if name not in own))
     for attempt in range(_RUNS * _SIZES):
         run = drawn_run(Chance(choice.seed, number, f"run {attempt // _SIZES}"), choice.motors, choice.length)
-        run = replace(run, drive=replace(run.drive, current_sensors=chain.current_sensors))
+        run = replace(run, drive=replace(run.drive, current_sensors=sensors))
         try:
             concealed = _sized(choice, number, attempt, kind, classes, run)
             return concealed, recorded(concealed.scenario, concealed.periods)

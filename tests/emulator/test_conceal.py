@@ -186,6 +186,9 @@ def test_a_measuring_chain_is_drawn_beside_the_class_and_changes_neither_class_n
             assert (one.scenario.motor, one.scenario.run) == (other.scenario.motor, other.scenario.run)
             assert {name: other.sizes[name] for name in one.sizes} == one.sizes
         sensors.add(chain.current_sensors)
+        asked = drawn(replace(chained, current_sensors=2), number)[0]
+        assert asked.scenario.drive.current_sensors == 2
+        assert asked.classes == other.classes
     assert sensors == {2, 3}
 
 

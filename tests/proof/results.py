@@ -20,7 +20,7 @@ from tests.proof.proof import Bar
 
 DATA: Final = Path(__file__).with_name("results.toml")
 PAGE: Final = Path(__file__).with_name("RESULTS.md")
-PARTS: Final = ("sealed", "absorbed", "benchmark", "real", "flux_map", "alternatives")  # of a whole proof
+PARTS: Final = ("sealed", "two_sensors", "absorbed", "benchmark", "real", "flux_map", "alternatives")  # of all of it
 MINUTES: Final = {"proof": 60.0, "quick": 5.0}  # at most
 _COMPANIONS: Final = ("- ", "... ")  # how rows begin that say nothing without the one before them
 _BAR: Final = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
