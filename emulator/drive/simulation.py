@@ -140,7 +140,8 @@ def _sampled(
         later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
         slope = (_to_converter(bench, plant, later, charges) - i) / skew
     theta_m = tracked.read - tracked.error
-    return sampled(bench.sensors, crossed(bench.crossed, i), theta_m, tick, crossed(bench.crossed, slope))
+    sees = crossed(bench.crossed, i), crossed(bench.crossed, slope), crossed(bench.crossed, u)
+    return sampled(bench.sensors, sees[0], theta_m, tick, sees[1], sees[2])
 
 
 @kernel

@@ -27,7 +27,7 @@ class Sensors(NamedTuple):
     reversed: bool = False  # it counts down as the motor turns forwards
     filter: CurrentFilter = CurrentFilter()
     signal: AngleSignal = AngleSignal()
-    channels: int = 3  # of current; two: phase c is what the others leave
+    channels: int = 3  # of current; two: phase c is what the others leave; one: a shunt in the dc link
 
 
 class Sample(NamedTuple):
@@ -50,16 +50,28 @@ def converted(i: float, bits: int, full: float) -> float:
 
 
 @kernel
-def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j) -> Sample:
-    """The sample of a stationary current vector (A), which changes by `slope` (A/s), and an angle (rad) at a tick."""
+def sampled(
+    sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j, u: complex = 0j
+) -> Sample:  # fmt: skip
+    """The sample of a stationary current vector (A), which changes by `slope` (A/s), and an angle (rad) at a tick.
+
+    u (V, stationary): by which the legs are on; a shunt in the dc link sees the first and the last of them.
+    """
     sigma, bits, full, channels = sensors.noise_i, sensors.adc_bits, sensors.adc_full, sensors.current
     i_a, i_b, i_c = phases(i_ab)
     if slope != 0j:
         by_a, by_b, by_c = phases(slope)
         i_a, i_b, i_c = i_a + channels.skew_a * by_a, i_b + channels.skew_b * by_b, i_c + channels.skew_c * by_c
-    i_a = channels.gain_a * i_a + channels.offset_a
-    i_b = channels.gain_b * i_b + channels.offset_b
-    i_c = channels.gain_c * i_c + channels.offset_c
+    if sensors.channels == 1:
+        by_a, by_b, by_c = of_shunt(phases(u))
+        i_a, i_b, i_c = (
+            channels.gain_a * i_a + by_a * channels.offset_a, channels.gain_a * i_b + by_b * channels.offset_a,
+            channels.gain_a * i_c + by_c * channels.offset_a,
+        )  # fmt: skip
+    else:
+        i_a = channels.gain_a * i_a + channels.offset_a
+        i_b = channels.gain_b * i_b + channels.offset_b
+        i_c = channels.gain_c * i_c + channels.offset_c
     if sigma > 0.0:
         i_a += sigma * gauss(sensors.seed, _PHASE_A, tick)
         i_b += sigma * gauss(sensors.seed, _PHASE_B, tick)
@@ -71,8 +83,33 @@ def sampled(sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: c
     if sensors.encoder_counts > 0:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count
-    i_a, i_b = converted(i_a, bits, full), converted(i_b, bits, full)
-    return Sample(i_a, i_b, converted(i_c, bits, full) if sensors.channels > 2 else -i_a - i_b, theta_m)
+    i_a, i_b, i_c = converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full)
+    if sensors.channels == 2:
+        i_c = -i_a - i_b
+    elif sensors.channels == 1:
+        by_a, by_b, by_c = of_shunt(phases(u))
+        i_a, i_b, i_c = (
+            i_a if by_a != 0.0 else -i_b - i_c, i_b if by_b != 0.0 else -i_c - i_a, i_c if by_c != 0.0 else -i_a - i_b
+        )
+    return Sample(i_a, i_b, i_c, theta_m)
+
+
+@kernel
+def of_shunt(u: tuple[float, float, float]) -> tuple[float, float, float]:
+    """With what sign a shunt in the dc link carries each phase's current, by the phases' voltages (V).
+
+    While one leg alone is on it carries that one's current, the highest; while two are, that of the third reversed; of
+    the one between, 0, nothing, and it is what the others leave. T. C. Green, B. W. Williams, "Derivation of motor
+    line-current waveforms from the DC-link current of an inverter", IEE Proceedings B 136(4), 1989.
+    """
+    u_a, u_b, u_c = u
+    if u_a >= u_b:
+        if u_b >= u_c:
+            return 1.0, 0.0, -1.0
+        return (1.0, -1.0, 0.0) if u_a >= u_c else (0.0, -1.0, 1.0)
+    if u_a >= u_c:
+        return 0.0, 1.0, -1.0
+    return (-1.0, 1.0, 0.0) if u_b >= u_c else (-1.0, 0.0, 1.0)
 
 
 Earlier = tuple[Sample, Sample, Sample]

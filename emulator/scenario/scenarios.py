@@ -79,7 +79,7 @@ class Drive:
     bandwidth: Annotated[float, Bound("rad/s", low=10.0, high=1e4)] = 1250.0  # of the current control
     noise_i: Annotated[float, Bound("A", low=0.0)] = 0.01  # standard deviation, each phase current
     adc_bits: Annotated[int, Bound(low=0, high=24)] = 12  # 0: ideal
-    current_sensors: Annotated[int, Bound(low=2, high=3)] = 3  # two: i_c = -i_a - i_b
+    current_sensors: Annotated[int, Bound(low=1, high=3)] = 3  # two: i_c = -i_a - i_b; one: a shunt in the dc link
     encoder_counts: Annotated[int, Bound(low=0, high=2**30)] = 0  # per mechanical turn; 0: ideal
     encoder_offset: Annotated[float, Bound("rad", low=-math.pi, high=math.pi)] = 0.0  # mechanical, that it reads when
     # the magnets lie on phase a

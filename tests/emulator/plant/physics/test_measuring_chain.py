@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
+from emulator.frames import phases
 from emulator.plant.physics.angle_signal import AngleSignal, sensed
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.sensing import CurrentSensing
+from emulator.plant.sensors import Sensors, sampled
 from emulator.scenario.scenarios import Run
 from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, steady, with_effects
 
@@ -80,3 +83,21 @@ def test_of_two_sensors_the_third_phase_is_what_they_leave() -> None:
     noise = noise - np.convolve(noise, np.ones(5) / 5.0, "same")
     axes = np.linalg.eigvalsh(np.cov(noise.real, noise.imag))
     assert axes[1] / axes[0] == pytest.approx(3.0, rel=0.25)
+
+
+def test_a_shunt_in_the_dc_link_sees_two_phases_and_its_offset_goes_round_in_six_steps() -> None:
+    shunt = Sensors(0.0, 0, 10.0, 0, 1, CurrentSensing(offset_a=0.1), channels=1)
+    turn = np.exp(1j * np.linspace(0.0, math.tau, 600, endpoint=False))
+    seen = [sampled(shunt, 3.0 * x, 0.0, 0, 0j, 50.0 * x * cmath.exp(1j)) for x in turn]
+    found = np.array([one[:3] for one in seen])
+    assert np.allclose(found.sum(axis=1), 0.0, atol=1e-12)
+    off = found - np.array([phases(3.0 * x) for x in turn])
+    highest = np.array([phases(x * cmath.exp(1j)) for x in turn])
+    assert np.allclose(np.take_along_axis(off, np.argmax(highest, axis=1)[:, None], 1), 0.1)
+    assert np.allclose(np.take_along_axis(off, np.argmin(highest, axis=1)[:, None], 1), -0.1)
+
+
+def test_noise_of_a_shunt_is_greatest_in_the_phase_between() -> None:
+    shunt = Sensors(0.05, 0, 10.0, 0, 1, channels=1)
+    found = np.array([sampled(shunt, 0j, 0.0, k, 0j, 50.0 + 1j)[:3] for k in range(4000)])
+    assert found.std(axis=0) == pytest.approx([0.05, 0.05 * math.sqrt(2.0), 0.05], rel=0.05)
