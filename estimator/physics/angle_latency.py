@@ -16,19 +16,19 @@ from estimator.physics.rows import Rows
 
 def error(rows: Rows, sizes: Sizes) -> Array:
     """Of the angle, rad electrical, by true angles."""
-    return -sizes[0] * (rows.speed - 0.5 * sizes[0] * accelerates(rows))
+    return -sizes[0] * (rows.speed_of_rotor - 0.5 * sizes[0] * accelerates(rows))
 
 
 def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     """The same by measured angles, which come later."""
-    return -sizes[0] * (rows.speed + 0.5 * sizes[0] * accelerates(rows))
+    return -sizes[0] * (rows.speed_of_rotor + 0.5 * sizes[0] * accelerates(rows))
 
 
 def accelerates(rows: Rows) -> Array:
     """Electrical acceleration at samples, rad/s2: of the periods before and after; 0 at either side of a gap."""
     there = (rows.apart[1:] == 1) & (rows.apart[:-1] == 1)
     found = np.zeros(len(rows.theta_e))
-    found[1:-1] = np.where(there, np.diff(rows.omega_e), 0.0) / rows.T_s
+    found[1:-1] = np.where(there, np.diff(rows.omega_of_rotor), 0.0) / rows.T_s
     return found
 
 

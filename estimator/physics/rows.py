@@ -61,6 +61,7 @@ class Rows:
     angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
     turned_by: Array | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
+    rounding: Array | float = 0.0  # rad at samples, of the angle, where it stays because currents' noise is louder
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
     fast_resistance: float = 0.0  # ohm, by which what changes within a period drops more than by R_s
     curvature: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # a_d, a_q, c, e_d of the curve, A/Vs^3
@@ -200,8 +201,21 @@ class Rows:
     @derived("theta_e", *_TIME)
     def speed(self) -> Array:
         """Electrical speed at samples, rad/s: the mean of the periods before and after; over a gap none is known."""
+        return self._at_samples(self.omega_e)
+
+    @property
+    def omega_of_rotor(self) -> Array:
+        """Electrical speed in each period, rad/s, of a rotor that does not go by counts."""
+        return np.diff(self.theta_e - self.rounding) / self.T_s
+
+    @derived("theta_e", "rounding", *_TIME)
+    def speed_of_rotor(self) -> Array:
+        """Electrical speed at samples, rad/s, of a rotor that does not go by counts."""
+        return self._at_samples(self.omega_of_rotor) if isinstance(self.rounding, np.ndarray) else self.speed
+
+    def _at_samples(self, omega: Array) -> Array:
         there = self.apart == 1
-        omega = np.where(there, self.omega_e, 0.0)
+        omega = np.where(there, omega, 0.0)
         periods = np.concatenate((there[:1], there)).astype(int) + np.concatenate((there, there[-1:]))
         return (np.concatenate((omega[:1], omega)) + np.concatenate((omega, omega[-1:]))) / np.maximum(periods, 1)
 

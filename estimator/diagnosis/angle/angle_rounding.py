@@ -48,7 +48,7 @@ def unrounded(rows: Rows, step: float) -> Rows:
     error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
     rows = rows.changed(angle_step=step, angle_error=error)
     quiet = rows.machine.psi_f * step < _QUIET_ROUNDING * math.sqrt(12.0) * _loudness(rows)
-    return rows if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
+    return rows.changed(rounding=off) if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 
 
 def less_angle(rows: Rows, off: Array) -> Rows:

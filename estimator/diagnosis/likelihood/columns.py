@@ -60,6 +60,7 @@ _LONG_RECORDING: Final = 200_000  # periods, from which on what effects remember
 _LEAD: Final = 1_000  # periods, of which most effects remember nothing in the end
 _AHEAD: Final = 100  # periods, that effects look ahead at most
 _SMALL_ANGLE: Final = 1e-4  # rad
+_RUN_AWAY: Final = 1e12  # a period, over noise: what a model leaves whose currents go beyond all numbers
 _OF_NOMINAL: Final = (0.3, 3.0)  # of nominal values
 _ANYTHING: Final = (1e-2, 1e2)  # the same for the straight lines of a map
 
@@ -160,7 +161,9 @@ def regression(
         if straighten is not None:
             m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
         flat = m[: len(there)].reshape(len(there), 2 * len(part))
-        gram[s, there[:, None], there] += flat @ flat.T
+        with np.errstate(over="ignore", invalid="ignore"):
+            gram[s, there[:, None], there] += flat @ flat.T
+    _explain_nothing_beyond_numbers(gram, n)
     left = float(gram[:, P, P].sum()) / n
     if zero is not None:
         _add_zero_channel(gram, truth, columns, steps, zero / noise[2], noise[2], edges)
@@ -171,6 +174,13 @@ def regression(
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
     return Regression(columns, gram, count, noise, rows, smooth, model, left, given.unidentified)
+
+
+def _explain_nothing_beyond_numbers(gram: Array, n: int) -> None:
+    """Sums of a model whose currents run away are those of one that explains nothing and leaves far too much."""
+    if not np.isfinite(gram).all():
+        gram[:] = 0.0
+        gram[:, -1, -1] = _RUN_AWAY * n / STRETCHES
 
 
 def _straighten(rows: Rows, model: Model, noise: Noise) -> Array | None:

@@ -32,6 +32,7 @@ POLISHED: Final = 6  # times a round
 _POLISHED_AGAIN: Final = 2  # times a round, where fewer rows have found a model
 _FINDING_BLOCKS: Final = (8_000, 16)  # periods and blocks of them, that find what costs much to follow
 _FIND: Final = 2  # times as often as all rows
+_NO_LESS: Final = 0.99  # of what a set left before: who comes back to it goes round
 _BEYOND_LINES: Final = 3  # the same, where equations are far from lines
 _ATTEMPTS: Final = 3  # searches, each from what the one before had need of
 _LASTS: Final = 4  # steps, that slopes of what the bridge loses serve
@@ -79,14 +80,15 @@ def fitted(
     """The model that explains the rows.
 
     Blocks of rows find it, then more of them, and all of them have the last word. It begins with the nominal machine,
-    or what is given.
+    or what is given, and anew where what some rows found leaves far more than noise.
     """
     *parts, whole = in_parts(rows)
-    model, nearly, share = begin or Model(given.machine), False, 1.0 / (len(parts) + 1)
+    first = begin or Model(given.machine)
+    model, share = first, 1.0 / (len(parts) + 1)
     for n, part in enumerate(parts):
-        model = _fitted_from(part, model, nearly, given, _from(progress, n * share, share), library).model
-        nearly = True
-    return _fitted_from(whole, model, nearly, given, _from(progress, 1.0 - share, share), library)
+        found = _fitted_from(part, model, model is not first, given, _from(progress, n * share, share), library)
+        model = first if found.own.regression.left > 2.0 * _HOPELESS else found.model
+    return _fitted_from(whole, model, model is not first, given, _from(progress, 1.0 - share, share), library)
 
 
 def _from(progress: Progress, done: float, share: float) -> Progress:
@@ -159,7 +161,7 @@ def _rounds(
     whose promise equations have not borne out near this model.
     """
     times = _POLISHED_AGAIN if nearly else POLISHED
-    seen = [frozenset(model.effects)] if nearly else list[frozenset[str]]()
+    seen, kept = dict[Set[str], float](), True  # sets, and what they left
     in_vain = dict[str, tuple[float, Set[str]]]()  # what was left where they promised, and beside which effects
     for n in range(ROUNDS):
         search = _search(rows, clean, model, given, library)
@@ -167,6 +169,10 @@ def _rounds(
             name for name, (left, beside) in in_vain.items()
             if search.regression.left > _NEAR_IT * left and beside == set(model.effects)
         }  # fmt: skip
+        before = frozenset(model.effects)
+        if kept and search.regression.left > _NO_LESS * seen.get(before, math.inf):
+            return model, clean, search
+        seen[before] = search.regression.left
         choice = search.best(_present(model))
         if (settled or nearly) and set(choice) == set(_present(model)):
             placed = _placed(rows, clean, search, choice, times, given, library)
@@ -188,8 +194,7 @@ def _rounds(
                 kept = False
         model, clean, settled = roughly_polished(rows, clean, model, given, times)
         progress((n + 1) / ROUNDS, f"fitting, effects so far: {len(model.effects) or 'none'}")
-        seen.append(frozenset(model.effects))
-        if kept and len(seen) > 1 and seen[-1] == seen[-2]:
+        if kept and (n > 0 or nearly) and frozenset(model.effects) == before:
             break
     return model, clean, _search(rows, clean, model, given, library)
 
