@@ -135,12 +135,13 @@ def _sampled(
 ) -> Sample:
     """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
     i, slope, skew = _to_converter(bench, plant, state, charges), 0j, longest_skew(bench.sensors.current)
+    t = tick * bench.fixed.T_s
     if skew > 0.0 and (powered or not bench.bridge.switched):
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
-        later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
+        later = stepped(plant, supply, t, skew, state)
         slope = (_to_converter(bench, plant, later, charges) - i) / skew
     theta_m = tracked.read - tracked.error
-    return sampled(bench.sensors, crossed(bench.crossed, i), theta_m, tick, crossed(bench.crossed, slope))
+    return sampled(bench.sensors, crossed(bench.crossed, i), theta_m, tick, crossed(bench.crossed, slope), t)
 
 
 @kernel
