@@ -34,6 +34,7 @@ from estimator.physics.effect import (
 )
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
+from estimator.physics.mains import FREQUENCY, hum_in
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import SATURATIONS, FluxChange, bends, voltage_together
 from estimator.twin.model import (
@@ -125,9 +126,10 @@ def regression(
         truth = see_lost(truth, model)
     if model.bend is not None:
         library = [effect for effect in library if effect.name not in SATURATIONS]
+    r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
+    smooth, truth = _humming((smooth, truth), r, model, library)
     columns = _model_coefficients(smooth, model, given, library)
     steps = _steps(truth, model, columns)
-    r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
     straighten = _straighten(rows, model, noise)
@@ -171,6 +173,18 @@ def regression(
     gram = change @ gram @ change.T
     count = 2 * int(rows.joined.sum()) + (0 if zero is None else n)
     return Regression(columns, gram, count, noise, rows, smooth, model, left, given.unidentified)
+
+
+def _humming(some: tuple[Rows, Rows], left: Vector, model: Model, library: Sequence[Effect]) -> tuple[Rows, Rows]:
+    """The rows, told the frequency at which effects of the model hum, or at which others may by what is left (V)."""
+    if not any(FREQUENCY in effect.parameters for effect in library):
+        return some
+    both, (one, other) = ((BY_NAME[name].parameters, sizes) for name, sizes in model.effects.items()), some
+    there = (size for parameters, sizes in both for p, size in zip(parameters, sizes, strict=True) if p is FREQUENCY)
+    hums = next(there, None)
+    if hums is None:
+        hums = hum_in(left * one.middle * one.joined, one.clock[1:])
+    return one.changed(hums=hums), other.changed(hums=hums)
 
 
 def _straighten(rows: Rows, model: Model, noise: Noise) -> Array | None:
@@ -284,9 +298,10 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
         h = parameter.typical(rows)
         return _Step(effect, effect.in_order(effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
-    if _is_taken_off(effect) and _change_of(effect) is None:  # rows are rid of it already
+    if _is_taken_off(effect) and _change_of(effect) is None and not effect.moves:  # rows are rid of it already
         at = effect.none_at(at)
-    h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
+    by_share = parameter.shape and not parameter.fine
+    h = 0.05 * abs(at[column.place]) if by_share else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
 
 
