@@ -191,8 +191,8 @@ class Rows:
         """Time at samples from the recording's start, s; by the periods between them, where `t` does not tell."""
         if self.steps is None:
             return self.t - self.span[0]
-        periods: Array = np.concatenate((np.zeros(1), np.cumsum(self.steps)))
-        return self.T_s * periods
+        periods = np.concatenate((np.zeros(1, np.intp), np.cumsum(self.steps)))
+        return self.T_s * periods.astype(np.float64)
 
     # --- angles
 

@@ -12,7 +12,7 @@ from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.current_hum import CurrentHum
 from emulator.scenario.scenarios import Run
-from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, middle, steady, voltage_error, with_effects
+from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, line, middle, steady, voltage_error, with_effects
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, label, ms
 
 _FILTERS: Final = (
@@ -51,7 +51,7 @@ def _current_hum(panels: Sequence[Axes]) -> None:
         t = r["t"][:-1] - r["t"][0]
         error = voltage_error(r, ROUND) * np.exp(1j * middle(r))
         panels[1].plot(1e3 * t, error.real, color=colour, label=name)
-        lines = [abs(np.mean(error * np.exp(-2j * np.pi * x * t))) for x in f]
+        lines = [abs(line(error, 2.0 * np.pi * t, float(x))) for x in f]
         panels[2].bar(f + 3.0 * (n - 1), lines, 3.0, color=colour, label=name)
     label(panels[0], "Current as recorded: the control hides most of it", "time in ms", "i_q in A")
     label(panels[1], "Voltage that the textbook misses", "time in ms", "V, along phase a")

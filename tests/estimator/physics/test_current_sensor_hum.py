@@ -8,6 +8,7 @@ import pytest
 
 from emulator.plant.physics.current_hum import CurrentHum
 from emulator.plant.physics.strangers import Stray
+from estimator.arrays import Array
 from estimator.physics import current_sensor_hum, mains_voltage
 from estimator.physics.mains import hum_in
 from estimator.physics.rows import Rows
@@ -89,8 +90,8 @@ def test_without_saliency_a_hum_is_a_voltage_of_its_frequency_and_the_machines_i
 
 @pytest.mark.parametrize("f", [49.9, 50.03, 60.2, 99.7, 120.0])
 def test_a_hum_is_found_in_a_spectrum_where_rows_are_missing(f: float) -> None:
-    t = np.arange(60_000) * 1e-4
-    t = t[(t < 2.0) | (t > 2.9)]
+    whole = np.arange(60_000, dtype=np.float64) * 1e-4
+    t: Array = whole[(whole < 2.0) | (whole > 2.9)].astype(np.float64)
     chance = np.random.default_rng(1)
     noise = chance.standard_normal(len(t)) + 1j * chance.standard_normal(len(t))
     slow = 20.0 * np.exp(1j * math.tau * 17.0 * t)

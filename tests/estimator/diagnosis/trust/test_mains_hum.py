@@ -24,8 +24,10 @@ def told(kind: str, motor: str, sensors: int, ratio: float) -> Diagnosis:
     )  # fmt: skip
     T_s = scenario.drive.T_s
     c = recorded(scenario, round(2.0 / T_s))
-    columns = (c[name] for name in ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q"))
-    samples = Samples(*columns, T_s, u_dc=c["u_dc"], i_a=c["i_a"], i_b=c["i_b"], i_c=c["i_c"], t0=float(c["t"][0]))
+    samples = Samples(
+        c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"], i_a=c["i_a"],
+        i_b=c["i_b"], i_c=c["i_c"],
+    )  # fmt: skip
     return diagnose([samples], machine_of(scenario.motor))
 
 
