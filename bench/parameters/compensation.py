@@ -377,6 +377,8 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "phase_resistance_imbalance": "torque ripples at twice the electrical frequency: a contact or a joint to be mended",
     "interturn_short": "it heats the winding as long as the motor turns: a motor to be taken out of service",
     "current_sampling_skew": "currents ripple at twice the electrical frequency: a matter of the sampling's timing",
+    "current_sensor_hum": "torque ripples at the mains' frequency: a matter of grounds and supplies of the sensors",
+    "mains_voltage": "torque ripples at the mains' frequency: a matter of the leads' way and shield",
     "voltage_delay": "it is a matter of the recording: the drive's voltages are read in other rows than they act in",
     "current_averaging": "current control answers late by half of what the mean is over: a matter of the converter",
     "current_filter": "current control answers late by its time constant: a matter of the filter",

@@ -12,6 +12,7 @@ from typing import Final
 
 from emulator.conceal.chance import Chance
 from emulator.conceal.dead_time_compensation import COMPENSATED
+from emulator.conceal.mains_hum import HUMMING
 from emulator.conceal.measuring_chain import CHAIN, stray_along
 from emulator.conceal.outside_warmth import OUTSIDE
 from emulator.conceal.population import Population, Sections, Setting
@@ -288,13 +289,13 @@ STRANGERS: Final[Mapping[str, Population]] = {
 """Disturbances that are in nobody's library."""
 
 FAMILIES: Final[Mapping[str, Mapping[str, Population]]] = {
-    "chained": CHAIN, "warmed": OUTSIDE, "miscompensated": COMPENSATED,
+    "chained": CHAIN, "warmed": OUTSIDE, "miscompensated": COMPENSATED, "humming": HUMMING,
 }  # fmt: skip
 """Kinds that are asked for by name alone, so that all kinds stay as they were: one class of the measuring chain, of
-warmth from outside, of dead times that are made up for by too much or too little.
+warmth from outside, of dead times that are made up for by too much or too little, of the mains' hum.
 """
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE, **COMPENSATED}
+POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE, **COMPENSATED, **HUMMING}
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:

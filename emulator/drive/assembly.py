@@ -44,6 +44,7 @@ def bench_of(scenario: Scenario) -> Bench:
             effects.current_filter,
             effects.angle_signal,
             drive.current_sensors,
+            effects.current_hum,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,

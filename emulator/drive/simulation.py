@@ -135,13 +135,14 @@ def _sampled(
 ) -> Sample:
     """The sample at a tick; u (V) is what a bridge without edges applies from then on; off, one with edges none."""
     i, slope, skew = _to_converter(bench, plant, state, charges), 0j, longest_skew(bench.sensors.current)
+    t = tick * bench.fixed.T_s
     if skew > 0.0 and (powered or not bench.bridge.switched):
         supply = vector(0j if bench.bridge.switched else u, bench.bridge.E)  # edges: the zero vector is on then
-        later = stepped(plant, supply, tick * bench.fixed.T_s, skew, state)
+        later = stepped(plant, supply, t, skew, state)
         slope = (_to_converter(bench, plant, later, charges) - i) / skew
     theta_m = tracked.read - tracked.error
     sees = crossed(bench.crossed, i), crossed(bench.crossed, slope), crossed(bench.crossed, u)
-    return sampled(bench.sensors, sees[0], theta_m, tick, sees[1], sees[2])
+    return sampled(bench.sensors, sees[0], theta_m, tick, sees[1], t, sees[2])
 
 
 @kernel

@@ -8,6 +8,7 @@ from emulator.kernel import kernel
 from emulator.noise import gauss
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.current_hum import CurrentHum, humming
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
@@ -28,6 +29,7 @@ class Sensors(NamedTuple):
     filter: CurrentFilter = CurrentFilter()
     signal: AngleSignal = AngleSignal()
     channels: int = 3  # of current; two: phase c is what the others leave; one: a shunt in the dc link
+    hum: CurrentHum = CurrentHum()
 
 
 class Sample(NamedTuple):
@@ -51,11 +53,12 @@ def converted(i: float, bits: int, full: float) -> float:
 
 @kernel
 def sampled(
-    sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j, u: complex = 0j
+    sensors: Sensors, i_ab: complex, theta_m: float, tick: int, slope: complex = 0j, t: float = 0.0, u: complex = 0j
 ) -> Sample:  # fmt: skip
     """The sample of a stationary current vector (A), which changes by `slope` (A/s), and an angle (rad) at a tick.
 
-    u (V, stationary): by which the legs are on; a shunt in the dc link sees the first and the last of them.
+    That is at a time t (s). u (V, stationary): by which the legs are on; a shunt in the dc link sees the first and the
+    last of them.
     """
     sigma, bits, full, channels = sensors.noise_i, sensors.adc_bits, sensors.adc_full, sensors.current
     i_a, i_b, i_c = phases(i_ab)
@@ -72,6 +75,10 @@ def sampled(
         i_a = channels.gain_a * i_a + channels.offset_a
         i_b = channels.gain_b * i_b + channels.offset_b
         i_c = channels.gain_c * i_c + channels.offset_c
+    hum = sensors.hum
+    if hum.a != 0.0 or hum.b != 0.0 or hum.c != 0.0:
+        share = humming(hum, t)
+        i_a, i_b, i_c = i_a + hum.a * share, i_b + hum.b * share, i_c + hum.c * share
     if sigma > 0.0:
         i_a += sigma * gauss(sensors.seed, _PHASE_A, tick)
         i_b += sigma * gauss(sensors.seed, _PHASE_B, tick)

@@ -15,6 +15,7 @@ from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.compensation import Compensation
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.current_hum import CurrentHum
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.flux_map import NO_MAP, FluxMap, loaded
@@ -56,6 +57,7 @@ class Effects(NamedTuple):
     friction: Friction = Friction()
     compliance: Compliance = Compliance()
     current_sensing: CurrentSensing = CurrentSensing()
+    current_hum: CurrentHum = CurrentHum()
     current_filter: CurrentFilter = CurrentFilter()
     angle_sensing: AngleSensing = AngleSensing()
     angle_signal: AngleSignal = AngleSignal()

@@ -6,13 +6,11 @@ D.-W. Chung, S.-K. Sul, "Analysis and compensation of current measurement error 
 IEEE Trans. Industry Applications 34(2), 1998, doi 10.1109/28.663477.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from estimator.arrays import Vector
 from estimator.physics.current_sensing import CurrentError
-from estimator.physics.effect import Parameter, Sizes, no_shapes
+from estimator.physics.effect import Parameter, Sizes, no_shapes, rated
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import by_phase
 
@@ -20,11 +18,6 @@ from estimator.physics.vectors import by_phase
 def error(rows: Rows, sizes: Sizes) -> Vector:
     """Of the stationary current vector, A."""
     return np.full(len(rows) + 1, complex(*sizes))
-
-
-def rated(share: float) -> Callable[[Rows], float]:
-    """A share of the rated current, A."""
-    return lambda rows: share * rows.i_rated
 
 
 EFFECT = CurrentError(

@@ -23,6 +23,7 @@ class Parameter:
     high: Callable[[Rows], float] | None = None
     shape: bool = False
     discrete: bool = False  # a shape that does not move by small steps
+    fine: bool = False  # a shape that is known closely: its typical size is that of a change
     smooths: bool = False  # a shape that is how far currents are known, and nothing to those that follow a model
     ends: bool = False  # a shape at the end of whose range noise and rounding may look like the effect
 
@@ -57,6 +58,11 @@ class Effect:
     def sizes(self) -> tuple[int, ...]:
         """Places of the parameters that are sizes."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+    @property
+    def moves(self) -> bool:
+        """It has a shape that moves by small steps."""
+        return any(parameter.shape and not parameter.discrete for parameter in self.parameters)
 
     def in_order(self, shapes: Sequence[float], sizes: Mapping[int, float] | None = None) -> tuple[float, ...]:
         """Its parameters of these shapes and sizes, these by their places; sizes that are not given are none."""
@@ -148,6 +154,11 @@ def no_shapes(_rows: Rows) -> tuple[tuple[float, ...], ...]:
 def constant(value: float) -> Callable[[Rows], float]:
     """A typical value or a bound that is the same for every machine."""
     return lambda _rows: value
+
+
+def rated(share: float) -> Callable[[Rows], float]:
+    """A share of the rated current, A."""
+    return lambda rows: share * rows.i_rated
 
 
 def periods(times: float) -> Callable[[Rows], float]:

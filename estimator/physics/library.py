@@ -14,6 +14,7 @@ from estimator.physics import (
     current_filter,
     current_sampling_skew,
     current_sensor_gain,
+    current_sensor_hum,
     current_sensor_offset,
     d_axis_saturation,
     dead_time_compensation,
@@ -27,6 +28,7 @@ from estimator.physics import (
     magnet_flux_drift,
     magnet_flux_step,
     magnet_temperature,
+    mains_voltage,
     phase_resistance_imbalance,
     q_axis_saturation,
     symmetric_d_axis_saturation,
@@ -47,7 +49,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
         winding_temperature, magnet_temperature, symmetric_d_axis_saturation,
-        dead_time_compensation,
+        dead_time_compensation, current_sensor_hum, mains_voltage,
     )
 )
 

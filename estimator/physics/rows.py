@@ -74,6 +74,7 @@ class Rows:
     local: LocalLine | None = None  # of a machine that saturates
     lost: Vector | None = None  # V of each period, that the bridge loses and terminals do not see
     others: Vector | None = None  # V of each period, that effects other than the bridge's add
+    hums: float = 50.0  # Hz, at which currents or voltages may hum
     sampled: Vector | None = None  # A at samples, stationary frame, as the drive took them, noise and all
     left: Vector | None = None  # V of each period, that the nominal machine leaves of the recorded one
     _known: dict[tuple[Any, ...], Any] = field(default_factory=dict[tuple[Any, ...], Any], init=False, repr=False)
@@ -185,6 +186,14 @@ class Rows:
     def pauses(self) -> Bools:
         """Of each period: it is none, but a time over which a rotor cannot be followed; then another run begins."""
         return ~self.joined & ((self.apart > _FOLLOWED_PERIODS) | (self.apart < 1))
+
+    @derived("span", *_TIME)
+    def clock(self) -> Array:
+        """Time at samples from the recording's start, s; by the periods between them, where `t` does not tell."""
+        if self.steps is None:
+            return self.t - self.span[0]
+        periods = np.concatenate((np.zeros(1, np.intp), np.cumsum(self.steps)))
+        return self.T_s * periods.astype(np.float64)
 
     # --- angles
 

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.current_hum import CurrentHum
 from emulator.scenario.scenarios import Run
-from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, steady, voltage_error, with_effects
+from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, line, middle, steady, voltage_error, with_effects
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, label, ms
 
 _FILTERS: Final = (
@@ -38,6 +39,23 @@ def _current_filter(panels: Sequence[Axes]) -> None:
     label(panels[0], "Current as recorded, stepping", "time in ms", "i_q in A")
     label(panels[1], "Voltage that the textbook misses", "time in ms", "error of u_q in V")
     label(panels[2], "The same at 5 A that stand", "electrical frequency in Hz", "V")
+
+
+def _current_hum(panels: Sequence[Axes]) -> None:
+    ways = (("ideal", CurrentHum(), IDEAL), ("50 Hz in phase a", CurrentHum(a=0.2), A),
+            ("100 Hz in phases a and b", CurrentHum(a=0.2, b=-0.2, frequency=100.0), D))  # fmt: skip
+    f = np.arange(-150.0, 151.0, 10.0)
+    for n, (name, hum, colour) in enumerate(ways):
+        r = steady(with_effects(motor=ROUND, i_dq=5j, run=at(30.0), current_hum=hum), 0.2, 0.1001)
+        panels[0].plot(ms(r), r["i_q"], color=colour, label=name)
+        t = r["t"][:-1] - r["t"][0]
+        error = voltage_error(r, ROUND) * np.exp(1j * middle(r))
+        panels[1].plot(1e3 * t, error.real, color=colour, label=name)
+        lines = [abs(line(error, 2.0 * np.pi * t, float(x))) for x in f]
+        panels[2].bar(f + 3.0 * (n - 1), lines, 3.0, color=colour, label=name)
+    label(panels[0], "Current as recorded: the control hides most of it", "time in ms", "i_q in A")
+    label(panels[1], "Voltage that the textbook misses", "time in ms", "V, along phase a")
+    label(panels[2], "The same, turning at 30 Hz", "frequency in the stationary frame in Hz", "amplitude in V")
 
 
 def _angle_signal(panels: Sequence[Axes]) -> None:
@@ -83,6 +101,14 @@ PICTURES: Final = {
         "that stands is read behind where it is, by its lag times the speed.",
         "A mean and an RC of one lag differ at steps alone; voltages recorded in another row shift the same steps.",
         _current_filter,
+    ),
+    "current_hum": Picture(
+        "Current hum",
+        "The control takes a channel's hum for current and works against it: what is recorded hardly hums, but the "
+        "voltage does, at the mains' frequency in the stationary frame at any speed.",
+        "A voltage coupled into the leads does the same to a motor without saliency; with the bridge off only the "
+        "channels hum, and the sum of three that hum is not zero.",
+        _current_hum,
     ),
     "angle_signal": Picture(
         "Angle signal",

@@ -49,6 +49,8 @@ EFFECT: Final[Mapping[str, str]] = {
     "magnets_warmed": "magnet_temperature",
     "over_compensated": "dead_time_compensation",
     "under_compensated": "dead_time_compensation",
+    "current_hum": "current_sensor_hum",
+    "mains_voltage": "mains_voltage",
 }
 """Name that a diagnosis gives to a class."""
 
@@ -289,6 +291,21 @@ def _compensation(scenario: Scenario, _periods: int) -> Sizes:
     return _together({"time": scenario.effects.compensation.time}, "s")
 
 
+def _hum(scenario: Scenario, _periods: int) -> Sizes:
+    # Of two channels the third phase is what they leave
+    hum = scenario.effects.current_hum
+    c = hum.c if scenario.drive.current_sensors == 3 else -hum.a - hum.b
+    amplitudes = {f"amplitude_{k}": abs(x) for k, x in zip("abc", (hum.a, hum.b, c), strict=True)}
+    return {"frequency": Size(hum.frequency, hum.frequency, "Hz"), **_together(amplitudes, "A")}
+
+
+def _mains_voltage(scenario: Scenario, _periods: int) -> Sizes:
+    stray = scenario.effects.stray
+    return {
+        "frequency": Size(stray.frequency, stray.frequency, "Hz"), **_together({"amplitude": stray.amplitude}, "V"),
+    }  # fmt: skip
+
+
 _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "inverter_voltage_error": _inverter,
     "d_axis_saturation": _saturation("L_d_drop"),
@@ -319,4 +336,6 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "winding_temperature": _warmed("winding", "rise", "ohm"),
     "magnet_temperature": _warmed("magnets", "change", "Vs"),
     "dead_time_compensation": _compensation,
+    "current_sensor_hum": _hum,
+    "mains_voltage": _mains_voltage,
 }

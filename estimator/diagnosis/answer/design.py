@@ -261,7 +261,7 @@ def _experiment_of(
                 f"to tell {one} from {other} (odds {expected:.1g})"
             )
             if (read := _read_without_current(pair)) is not None:
-                return Experiment(f"{none}; with the bridge off, where no current flows, only {read} are there to read")
+                return Experiment(f"{none}; with the bridge off, where no current flows, only {read} can be read")
             sentence = (
                 f"{none}; record {levels}, {each}, for longer than "
                 f"{DURATION:g} s"

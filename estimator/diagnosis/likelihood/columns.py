@@ -34,6 +34,7 @@ from estimator.physics.effect import (
 )
 from estimator.physics.library import BY_NAME, LIBRARY, of_kind
 from estimator.physics.magnet_flux import change_of
+from estimator.physics.mains import FREQUENCY, hum_in
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import SATURATIONS, FluxChange, bends, voltage_together
 from estimator.twin.model import (
@@ -124,11 +125,11 @@ def regression(
     truth = in_truth(smooth, model)
     if library:
         truth = see_lost(truth, model)
-    if model.bend is not None:
-        library = [effect for effect in library if effect.name not in SATURATIONS]
+    library = [effect for effect in library if model.bend is None or effect.name not in SATURATIONS]
+    r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
+    smooth, truth = _humming((smooth, truth), r, model, library)
     columns = _model_coefficients(smooth, model, given, library)
     steps = _steps(truth, model, columns)
-    r, zero = left_over(rows, truth, model), zero_residual(rows, smooth, model)
     if noise is None:
         noise = noise_of(flux_errors(r, rows, model), zero, rows)
     straighten = _straighten(rows, model, noise)
@@ -136,11 +137,11 @@ def regression(
     answering = _answering(columns, response)
     into_truth = frame_of(rows, truth).conj()
     by = filter_of(rows, model.machine).of_voltages(into_truth)
-    moves = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
-    lost = {j: volts * into_truth for j, volts in moves.items()}
+    lost = {} if follow is None else _lost_slopes(model, columns, follow, {} if slopes is None else slopes, answering)
+    lost = {j: volts * into_truth for j, volts in lost.items()}
     lost |= {j: volts for j, volts in answering.items() if volts is not None}
-    smoothed = _smoothed(truth, model, columns, steps) if coupled else {}
-    lost |= {j: volts + lost.get(j, 0.0) for j, volts in smoothed.items()}
+    if coupled:
+        lost |= {j: volts + lost.get(j, 0.0) for j, volts in _smoothed(truth, model, columns, steps).items()}
     bridges = {j for j in lost if isinstance(BY_NAME.get(columns[j].owner), BridgeError)}
     r = r * into_truth
     n, P = len(rows), len(columns)
@@ -161,8 +162,7 @@ def regression(
         if straighten is not None:
             m[: len(there)] = np.einsum("xyn,cyn->cxn", straighten[:, :, cut], m[: len(there)])
         flat = m[: len(there)].reshape(len(there), 2 * len(part))
-        with np.errstate(over="ignore", invalid="ignore"):
-            gram[s, there[:, None], there] += flat @ flat.T
+        gram[s, there[:, None], there] += _products(flat)
     _explain_nothing_beyond_numbers(gram, n)
     left = float(gram[:, P, P].sum()) / n
     if zero is not None:
@@ -176,11 +176,29 @@ def regression(
     return Regression(columns, gram, count, noise, rows, smooth, model, left, given.unidentified)
 
 
+def _products(flat: Array) -> Array:
+    """Of all columns; of a model whose currents run away they are none."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return flat @ flat.T
+
+
 def _explain_nothing_beyond_numbers(gram: Array, n: int) -> None:
     """Sums of a model whose currents run away are those of one that explains nothing and leaves far too much."""
     if not np.isfinite(gram).all():
         gram[:] = 0.0
         gram[:, -1, -1] = _RUN_AWAY * n / STRETCHES
+
+
+def _humming(some: tuple[Rows, Rows], left: Vector, model: Model, library: Sequence[Effect]) -> tuple[Rows, Rows]:
+    """The rows, told the frequency at which effects of the model hum, or at which others may by what is left (V)."""
+    if not any(FREQUENCY in effect.parameters for effect in library):
+        return some
+    both, (one, other) = ((BY_NAME[name].parameters, sizes) for name, sizes in model.effects.items()), some
+    there = (size for parameters, sizes in both for p, size in zip(parameters, sizes, strict=True) if p is FREQUENCY)
+    hums = next(there, None)
+    if hums is None:
+        hums = hum_in(left * one.middle * one.joined, one.clock[1:])
+    return one.changed(hums=hums), other.changed(hums=hums)
 
 
 def _straighten(rows: Rows, model: Model, noise: Noise) -> Array | None:
@@ -294,9 +312,10 @@ def _step_to(rows: Rows, model: Model, column: Coefficient) -> _Step:
         h = parameter.typical(rows)
         return _Step(effect, effect.in_order(effect.shapes(rows)[column.seed], {column.place: h}), None, h)
     at = model.effects[effect.name]
-    if _is_taken_off(effect) and _change_of(effect) is None:  # rows are rid of it already
+    if _is_taken_off(effect) and _change_of(effect) is None and not effect.moves:  # rows are rid of it already
         at = effect.none_at(at)
-    h = 0.05 * abs(at[column.place]) if parameter.shape else _STEP * parameter.typical(rows)
+    by_share = parameter.shape and not parameter.fine
+    h = 0.05 * abs(at[column.place]) if by_share else _STEP * parameter.typical(rows)
     return _Step(effect, tuple(value + h * (k == column.place) for k, value in enumerate(at)), at, h)
 
 

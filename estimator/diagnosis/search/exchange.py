@@ -17,6 +17,7 @@ from estimator.diagnosis.search.remainder import ROUNDED, TRADES, by_chance, exc
 from estimator.physics.angle_sensing import AngleError
 from estimator.physics.library import BY_NAME, LIBRARY
 from estimator.physics.rows import Rows
+from estimator.twin.model import zero_residual
 
 _WORTH_MORE: Final = 2.0  # times what several effects leave: more, and the one is not worth what others may add to it
 _AS_MUCH: Final = 0.75  # of what several effects explain, that one has to explain before its equation bends
@@ -141,7 +142,8 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
             if both and -less < more < lent and _has_beyond(found, given) and not _has_beyond(begin, given):
                 as_told.append(begin)
             if one[0] != dropped[0][0]:  # what may be lent makes nothing likelier than it is
-                at_best[dropped[0][0], one[0]] = 0.5 * (max(more - lent, 0.0) if both and more > 0.0 else more)
+                more = max(more - lent, 0.0) if both and more > 0.0 else more
+                at_best[dropped[0][0], one[0]] = 0.5 * (more + _left_of_sum(begin, found) - _left_of_sum(found, found))
         due = max(found.search.due_of_freer(found.choice, each, one) for each in dropped)
         if there > (_WORTH_MORE * here if len(dropped) > 1 else here + due if due else here - less):
             continue
@@ -150,6 +152,12 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
         if fewer >= 0 and excess_of(other) < here + due + 2.0 * ENTRY_LOG_ODDS * fewer:
             return Exchanged(other, {})
     return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
+
+
+def _left_of_sum(other: Fitted, found: Fitted) -> float:
+    """Chi square that a fit leaves of the sum of three currents, over a fit's noise; none where it is not known."""
+    left = zero_residual(other.rows, other.smooth.with_machine(other.model.machine), other.model)
+    return 0.0 if left is None else float(left @ left) / found.noise[2] ** 2
 
 
 def _trading(found: Fitted) -> list[str]:
@@ -217,7 +225,7 @@ def _other_angles(found: Fitted) -> list[tuple[Choice, tuple[str, int]]]:
 
 def _is_bending(name: str) -> bool:
     """By shapes that move in small steps, or as one of those that make up for each other."""
-    return name in _BENDING or any(one.shape and not one.discrete for one in BY_NAME[name].parameters)
+    return name in _BENDING or BY_NAME[name].moves
 
 
 def _confused(name: str) -> tuple[str, ...]:

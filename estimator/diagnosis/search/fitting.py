@@ -387,7 +387,7 @@ def _by_bends(rows: Rows, clean: Clean, now: Model, towards: Model, search: Sear
 def _bends_model(model: Model) -> bool:
     """A shape moves by small steps, or a size multiplies others, for which equations are no lines."""
     effects = [BY_NAME[name] for name in model.effects]
-    return any(effect.bends or any(p.shape and not p.discrete for p in effect.parameters) for effect in effects)
+    return any(effect.bends or effect.moves for effect in effects)
 
 
 def _energy_left(rows: Rows, smooth: Rows, model: Model, search: Search) -> float:

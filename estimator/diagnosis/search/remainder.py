@@ -29,6 +29,7 @@ from estimator.diagnosis.unnamed.describe import RESONANCE, best_resonance, desc
 from estimator.diagnosis.verdict import Unexplained
 from estimator.machine import PARAMETERS
 from estimator.physics import voltage_delay
+from estimator.physics.mains import of_mains
 from estimator.physics.rows import Rows
 from estimator.twin.model import Model, residual
 
@@ -197,7 +198,7 @@ def alone(rows: Rows, given: Given) -> tuple[Fitted, Unexplained] | None:
     excess, chance = excess_of(bare), by_chance(rows)
     if excess < _FAR_ABOVE_FORM * chance or (left := _described(rows, bare)) is None:
         return None
-    if not _has_form(left) or left.where.region["frame"] != "stationary" or _came_once(left):
+    if not _has_form(left) or left.where.region["frame"] != "stationary" or _came_once(left) or _hums(left):
         return None
     beside = _left_by_form(left, excess)
     if left.description.startswith(RESONANCE):
@@ -304,6 +305,12 @@ def _came_once(left: Unexplained) -> bool:
     """A voltage that came or went once, as one that is there all the time looks beside a machine that is none."""
     changes = left.where.region.get("changes")
     return isinstance(changes, float) and changes <= _ONCE
+
+
+def _hums(left: Unexplained) -> bool:
+    """It is at a frequency of the mains, which the library holds: as a voltage, and as what looks like one."""
+    frequency = left.where.region.get("frequency")
+    return isinstance(frequency, float) and of_mains(frequency)
 
 
 def _left_by_form(form: Unexplained, excess: float) -> float:

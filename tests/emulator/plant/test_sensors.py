@@ -7,6 +7,7 @@ import pytest
 
 from emulator.frames import phases
 from emulator.noise import _mixed, gauss, uniform
+from emulator.plant.physics.current_hum import CurrentHum
 from emulator.plant.sensors import Sensors, converted, measured_current, sampled
 
 QUIET = Sensors(noise_i=0.0, adc_bits=12, adc_full=18.0, encoder_counts=0, seed=1)
@@ -73,6 +74,18 @@ def test_noise_and_converter_off_give_the_true_current() -> None:
     sample = sampled(QUIET._replace(adc_bits=0), 3.0 - 1.0j, 1.25, 0)
     assert measured_current(sample) == pytest.approx(3.0 - 1.0j, rel=1e-14)
     assert sample.theta_m == 1.25
+
+
+@pytest.mark.parametrize("channels", [2, 3])
+def test_a_hum_is_added_to_what_each_channel_reads(channels: int) -> None:
+    hum = CurrentHum(a=0.3, b=-0.1, c=0.2, frequency=50.0, phase=0.5)
+    humming = QUIET._replace(adc_bits=0, hum=hum, channels=channels)
+    i_a, i_b, i_c = phases(3.0 - 1.0j)
+    for tick in (0, 37, 123):
+        share = math.cos(2.0 * math.pi * 50.0 * tick * 1e-4 + 0.5)
+        sample = sampled(humming, 3.0 - 1.0j, 0.0, tick, 0j, tick * 1e-4)
+        a, b = i_a + 0.3 * share, i_b - 0.1 * share
+        assert sample[:3] == pytest.approx((a, b, i_c + 0.2 * share if channels == 3 else -a - b))
 
 
 def test_an_encoder_tells_the_angle_in_its_counts() -> None:

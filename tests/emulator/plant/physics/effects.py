@@ -7,6 +7,7 @@ from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.compensation import Compensation
 from emulator.plant.physics.compliance import Compliance
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.current_hum import CurrentHum
 from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.friction import Friction
@@ -41,6 +42,7 @@ ALL: Final = Effects(
     current_sensing=CurrentSensing(1.01, 0.99, 1.0, 0.02, -0.01, 0.005, 1e-6, 2e-6, 0.0),
     angle_sensing=AngleSensing(offset=0.01, once=0.005, once_phase=0.1, twice=0.003, twice_phase=0.2),
     voltage_sensing=VoltageSensing(gain=1.01, offset=0.5),
+    current_hum=CurrentHum(a=0.05, b=-0.02, c=0.01, frequency=60.0, phase=0.4),
     current_filter=CurrentFilter(tau=5e-5, periods=1),
     angle_signal=AngleSignal(gain=0.01, quadrature=0.01, offset_sin=0.005, bandwidth=200.0, latency=5e-5),
     timing=Timing(delay=0, shift=1, lost=0.01),

@@ -88,7 +88,7 @@ def test_of_two_sensors_the_third_phase_is_what_they_leave() -> None:
 def test_a_shunt_in_the_dc_link_sees_two_phases_and_its_offset_goes_round_in_six_steps() -> None:
     shunt = Sensors(0.0, 0, 10.0, 0, 1, CurrentSensing(offset_a=0.1), channels=1)
     turn = np.exp(1j * np.linspace(0.0, math.tau, 600, endpoint=False))
-    seen = [sampled(shunt, 3.0 * x, 0.0, 0, 0j, 50.0 * x * cmath.exp(1j)) for x in turn]
+    seen = [sampled(shunt, 3.0 * x, 0.0, 0, 0j, 0.0, 50.0 * x * cmath.exp(1j)) for x in turn]
     found = np.array([one[:3] for one in seen])
     assert np.allclose(found.sum(axis=1), 0.0, atol=1e-12)
     off = found - np.array([phases(3.0 * x) for x in turn])
@@ -99,5 +99,5 @@ def test_a_shunt_in_the_dc_link_sees_two_phases_and_its_offset_goes_round_in_six
 
 def test_noise_of_a_shunt_is_greatest_in_the_phase_between() -> None:
     shunt = Sensors(0.05, 0, 10.0, 0, 1, channels=1)
-    found = np.array([sampled(shunt, 0j, 0.0, k, 0j, 50.0 + 1j)[:3] for k in range(4000)])
+    found = np.array([sampled(shunt, 0j, 0.0, k, 0j, 0.0, 50.0 + 1j)[:3] for k in range(4000)])
     assert found.std(axis=0) == pytest.approx([0.05, 0.05 * math.sqrt(2.0), 0.05], rel=0.05)
