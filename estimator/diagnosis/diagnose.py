@@ -25,6 +25,7 @@ from estimator.diagnosis.intake.drive_data import believed
 from estimator.diagnosis.intake.input_check import checked
 from estimator.diagnosis.intake.phase_sensors import sensor_fault, without_fault
 from estimator.diagnosis.intake.prepared import prepared
+from estimator.diagnosis.intake.voltage_frame import in_own_frame
 from estimator.diagnosis.likelihood.columns import STRETCHES
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
@@ -140,7 +141,8 @@ def _explained_without(
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
     runs, not_used = believed(runs)
-    remarks = (*remarks, *not_used)
+    runs, framed = in_own_frame(runs, nominal)
+    remarks = (*remarks, *not_used, *framed)
     rows, given = prepared(runs, nominal, tolerance)
     if longest(odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return Examined(_no_verdict((*remarks, (
