@@ -44,6 +44,7 @@ def bench_of(scenario: Scenario) -> Bench:
             effects.current_filter,
             effects.angle_signal,
             drive.current_sensors,
+            effects.hall,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,

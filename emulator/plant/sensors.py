@@ -8,6 +8,7 @@ from emulator.kernel import kernel
 from emulator.noise import gauss
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
+from emulator.plant.physics.hall import NO_HALL, Hall
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
@@ -28,6 +29,7 @@ class Sensors(NamedTuple):
     filter: CurrentFilter = CurrentFilter()
     signal: AngleSignal = AngleSignal()
     channels: int = 3  # of current; two: phase c is what the others leave; one: a shunt in the dc link
+    hall: Hall = Hall()  # in an encoder's place, where there are such sensors
 
 
 class Sample(NamedTuple):
@@ -80,7 +82,7 @@ def sampled(
     if sensors.reversed:
         theta_m = -theta_m
     theta_m += sensors.mounted
-    if sensors.encoder_counts > 0:
+    if sensors.encoder_counts > 0 and sensors.hall.rate == NO_HALL:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count
     i_a, i_b, i_c = converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full)

@@ -49,6 +49,8 @@ EFFECT: Final[Mapping[str, str]] = {
     "magnets_warmed": "magnet_temperature",
     "over_compensated": "dead_time_compensation",
     "under_compensated": "dead_time_compensation",
+    "signal_harmonics": "angle_sensor_error",
+    "hall_displaced": "hall_displacement",
 }
 """Name that a diagnosis gives to a class."""
 
@@ -257,7 +259,14 @@ def _tracking(scenario: Scenario, _periods: int) -> Sizes:
 def _signals(scenario: Scenario, _periods: int) -> Sizes:
     # To the first order: half of what the signals differ by and half of what their angle does
     signal = scenario.effects.angle_signal
-    return _together({"twice": 0.5 * math.hypot(signal.gain, signal.quadrature)}, "rad")
+    second = math.sqrt(0.5) * signal.second
+    sizes = {"once": second, "twice": 0.5 * math.hypot(signal.gain, signal.quadrature), "thrice": second}
+    return _together({name: size for name, size in (*sizes.items(), ("fourth", signal.third)) if size > 0.0}, "rad")
+
+
+def _hall(scenario: Scenario, _periods: int) -> Sizes:
+    hall = scenario.effects.hall
+    return _together({name: getattr(hall, name) for name in ("displaced_a", "displaced_b", "displaced_c")}, "rad")
 
 
 def _leg_voltages(scenario: Scenario, _periods: int) -> Sizes:
@@ -319,4 +328,5 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "winding_temperature": _warmed("winding", "rise", "ohm"),
     "magnet_temperature": _warmed("magnets", "change", "Vs"),
     "dead_time_compensation": _compensation,
+    "hall_displacement": _hall,
 }
