@@ -70,6 +70,7 @@ class Samples:
     i_c: Column | None = None
     left_out: LeftOut | None = None  # what is known of the rows between the samples before and these
     q_only: bool = False
+    hall_place: float | None = None  # rad, modulo 60 deg, where edges are that the angle goes through
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -93,7 +94,7 @@ class Samples:
             self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
             self.T_s, self.periods, cut(self.i_d_mean), cut(self.i_q_mean), self.t0 + start * self.T, self.resolution,
             cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c), self.left_out if start == 0 else None,
-            self.q_only,
+            self.q_only, self.hall_place,
         )
 
 

@@ -59,6 +59,7 @@ class Rows:
     span: tuple[float, float]  # s, start and length of the recording
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
     angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
+    hall_place: float | None = None  # rad, where the edges of Hall sensors are, modulo 60 deg, where the angle has such
     turned_by: Array | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
     fast_stiffness: float = 0.0  # 1/H, by which a current changes faster within a period than by the inductances
@@ -473,6 +474,7 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
         machine, T, i_rated, t, i, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, np.cumsum(heat),
         (float(t[0]), float(t[-1] - t[0])), sampled=i * np.exp(1j * theta),
+        hall_place=runs[0].hall_place,
     )  # fmt: skip
     rows.prepare()
     return rows.changed(left=rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i)))
