@@ -469,12 +469,12 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
     if zero is not None and np.std(zero) <= _NO_SENSOR * np.sqrt(np.mean(i_d**2 + i_q**2)):
         zero = None  # one phase is what the others leave: no third sensor bears witness
-    i = i_d + 1j * i_q
+    i, edges = i_d + 1j * i_q, runs[0].edges
     rows = Rows(
         machine, T, i_rated, t, i, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, np.cumsum(heat),
         (float(t[0]), float(t[-1] - t[0])), sampled=i * np.exp(1j * theta),
-        hall_place=runs[0].hall_place,
+        hall_place=edges.place if edges else None, angle_error=edges.error if edges else 0.0,
     )  # fmt: skip
     rows.prepare()
     return rows.changed(left=rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i)))

@@ -6,6 +6,7 @@ angle itself tells: it is extrapolated back to the edge. The smoothest course th
 right but for where the edges are. Knows nothing of effects.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from estimator.arrays import Array, Vector
 from estimator.kernel import kernel
 from estimator.physics.hall_displacement import SECTOR, course_between
-from estimator.samples import Samples, nearest_turns
+from estimator.samples import Edges, Samples, nearest_turns
 
 _JUMPS: Final = 8.0  # times what movements usually change by from period to period, and
 _LEAST: Final = 1e-3  # rad
@@ -34,8 +35,9 @@ _HALF_TURN: Final = 3  # sectors
 _EVENLY: Final = 0.35  # log, by which the speed changes in it
 _AGREE: Final = 4.0  # times what parabolas usually differ by half way between edges, and
 _AGREED: Final = 0.003  # rad
+_HALF_OF: Final = 0.5  # by which two parabolas differ, a rotor may be off the course that is of both
 _SHORTEST: Final = 20  # rows of a stretch
-_STILL: Final = 0.9  # of the periods, in which a raw angle stands
+_MOST_MOVES: Final = 0.9  # of a raw angle, that are such steps
 _SAME: Final = 0.02  # of a sector, by which the steps of a raw one may be off
 _NEAR: Final = 0.02  # rad, from where edges usually are
 _REMARK: Final = (
@@ -68,24 +70,29 @@ def through_edges(runs: Sequence[Samples]) -> ThroughEdges:
     place = place_of(theta, D, np.abs(apart / T - 1.0) < _SAME_PERIOD)
     if place is None:
         return ThroughEdges(tuple(runs), ())
-    off, known = np.zeros(len(t)), np.zeros(len(t), np.bool_)
+    off, known, apart_by = np.zeros(len(t)), np.zeros(len(t), np.bool_), list[Array]()
     seams = (np.flatnonzero(apart > _PAUSE * T) + 1).tolist()
     for part in (slice(*ends) for ends in pairwise([0, *seams, len(t)])):
         times, edges = _edges(t[part], theta[part], place)
         if len(times) >= _KNOTS:
             off[part] = theta[part] - _smooth(t[part], theta[part], times, edges)
-            known[part] = _known(t[part], times, edges)
+            known[part], rough = _known(t[part], times, edges)
+            apart_by += rough
+    error = _HALF_OF * math.sqrt(float(np.mean(np.concatenate(apart_by) ** 2))) if apart_by else 0.0
     ends = np.cumsum([0, *map(len, runs)]).tolist()
     found = [
         one for run, (begin, end) in zip(runs, pairwise(ends), strict=True)
-        for one in _turned_back(run, theta[begin:end], off[begin:end], known[begin:end], place)
+        for one in _turned_back(run, theta[begin:end], off[begin:end], known[begin:end], Edges(place, error))
     ]
     return ThroughEdges(tuple(found), (_REMARK,))
 
 
-def _known(t: Array, times: Array, edges: Array) -> NDArray[np.bool_]:
+def _known(t: Array, times: Array, edges: Array) -> tuple[NDArray[np.bool_], list[Array]]:
     """Where a course is sure: the rotor neither turns round nor changes its speed by much within half a turn, which
     displacements leave as it is; and parabolas through the edges before and behind agree, as far as those let them.
+
+    And by how much these differ half way between edges (rad), but for what they do between two edges in the middle:
+    that is what displacements make of it.
     """
     h = np.diff(times)
     way, half = np.sign(np.diff(edges)), np.log(h)
@@ -97,21 +104,25 @@ def _known(t: Array, times: Array, edges: Array) -> NDArray[np.bool_]:
         even[ahead:] &= onwards
         even[:-ahead] &= onwards
     bend = np.diff(np.diff(edges) / h) / (h[1:] + h[:-1])
-    apart = 0.25 * np.abs(np.diff(bend)) * h[1:-1] ** 2
-    sure = even & np.concatenate(([False], apart < _AGREE * float(np.median(apart)) + _AGREED, [False]))
+    apart: Array = 0.25 * np.diff(bend) * h[1:-1] ** 2
+    agreed = _AGREE * float(np.median(np.abs(apart))) + _AGREED
+    sure = even & np.concatenate(([False], np.abs(apart) < agreed, [False]))
+    which = np.rint((edges[1:-2] - edges[0]) / SECTOR).astype(np.intp) % _HALF_TURN
     sector = np.searchsorted(times, t, side="right") - 1
     inside = (sector >= 0) & (sector < len(sure))
-    return inside & sure[np.clip(sector, 0, len(sure) - 1)]
+    alike = [apart[sure[1:-1] & (which == one) & (way[1:-1] == turns)] for one in np.unique(which) for turns in (1, -1)]
+    rough = [some - np.median(some) for some in alike if len(some) >= _KNOTS]
+    return inside & sure[np.clip(sector, 0, len(sure) - 1)], rough
 
 
-def _turned_back(run: Samples, theta: Array, off: Array, known: NDArray[np.bool_], place: float) -> list[Samples]:
+def _turned_back(run: Samples, theta: Array, off: Array, known: NDArray[np.bool_], edges: Edges) -> list[Samples]:
     """Stretches whose course is known."""
     middle = 0.5 * (off + np.append(off[1:], off[-1:]))
     i: Vector = (run.i_d + 1j * run.i_q) * np.exp(1j * off)
     u: Vector = (run.u_d + 1j * run.u_q) * np.exp(1j * middle)
     smooth = replace(
         run, theta_e=theta - off, i_d=i.real.copy(), i_q=i.imag.copy(), u_d=u.real.copy(), u_q=u.imag.copy(),
-        resolution=run.resolution._replace(theta_e=0.0, encoder=0.0), hall_place=place,
+        resolution=run.resolution._replace(theta_e=0.0, encoder=0.0), edges=edges,
     )  # fmt: skip
     turns = np.flatnonzero(np.diff(np.concatenate(([False], known, [False])).astype(int))).tolist()
     stretches = list(zip(turns[::2], turns[1::2], strict=True))
@@ -121,9 +132,7 @@ def _turned_back(run: Samples, theta: Array, off: Array, known: NDArray[np.bool_
 def steps_of_sectors(moves: Array) -> bool:
     """Whether an angle (its movements, rad) stands, but for steps of 60 deg, as that of Hall sensors as it is does."""
     size = np.abs(moves[np.abs(moves) > _LEAST])
-    if len(size) < _FEWEST or float(np.mean(np.abs(moves) <= _LEAST)) < _STILL - len(size) / len(moves):
-        return False
-    return bool(np.mean(np.abs(size - SECTOR) < _SAME * SECTOR) > _STILL)
+    return len(size) >= _FEWEST and bool(np.mean(np.abs(size - SECTOR) < _SAME * SECTOR) > _MOST_MOVES)
 
 
 class _Jumps(NamedTuple):

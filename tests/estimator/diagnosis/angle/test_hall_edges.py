@@ -42,7 +42,9 @@ def test_the_course_through_displaced_edges_is_off_by_the_effects_equation(
         recorded(VirtualDrive(scenario(run, hall=DISPLACED._replace(rate=rate, place=place))), 5000)
     ])  # fmt: skip
     assert not others
-    assert found.hall_place == pytest.approx(place, abs=1e-9)
+    assert found.edges is not None
+    assert found.edges.place == pytest.approx(place, abs=1e-9)
+    assert found.edges.error < within
     begin = round(found.t0 / found.T_s)
     there = rows_of([true[begin : begin + len(found)]], MACHINE, 3.0)
     off = np.angle(np.exp(1j * (found.theta_e - there.theta_e)))
