@@ -33,6 +33,13 @@ class Resolution(NamedTuple):
 NOT_KNOWN: Final = Resolution()
 
 
+class Edges(NamedTuple):
+    """Of Hall sensors, six an electrical turn, that an angle goes through."""
+
+    place: float  # rad, modulo 60 deg, where they should be
+    error: float  # rad, rms, that a rotor may be off the course between them
+
+
 class LeftOut(NamedTuple):
     """Rows of a recording that are known and yet not taken, from the sample before them to the one after."""
 
@@ -70,6 +77,7 @@ class Samples:
     i_c: Column | None = None
     left_out: LeftOut | None = None  # what is known of the rows between the samples before and these
     q_only: bool = False
+    edges: Edges | None = None  # that the angle goes through, where it is made of such
 
     def __len__(self) -> int:
         return len(self.theta_e)
@@ -93,7 +101,7 @@ class Samples:
             self.theta_e[rows], self.omega_e[rows], self.i_d[rows], self.i_q[rows], self.u_d[rows], self.u_q[rows],
             self.T_s, self.periods, cut(self.i_d_mean), cut(self.i_q_mean), self.t0 + start * self.T, self.resolution,
             cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c), self.left_out if start == 0 else None,
-            self.q_only,
+            self.q_only, self.edges,
         )
 
 

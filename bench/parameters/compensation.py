@@ -383,7 +383,8 @@ TABLE: Final[Mapping[str, Callable[[Recorded], Compensation] | str]] = {
     "current_averaging": "current control answers late by half of what the mean is over: a matter of the converter",
     "current_filter": "current control answers late by its time constant: a matter of the filter",
     "angle_tracking": "the angle lags as long as the speed changes: a faster loop is set where the angle is read",
-    "angle_sensor_error": "offsets, amplitudes and quadrature of its signals are trimmed where they are read",
+    "angle_sensor_error": "offset, amplitude, phase and harmonics of its signals are trimmed where they are read",
+    "hall_displacement": "a table of six angles, one for each edge of the sensors, is set where they are read",
     "leg_voltage_offset": "torque ripples at the electrical frequency: a matter of the gate drives",
     "voltage_offset": "it is a matter of what the drive reports of its voltages",
 }

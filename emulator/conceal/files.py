@@ -54,9 +54,10 @@ def nominal_text(concealed: Concealed) -> str:
         {key: nominal[key] for key in _MACHINE_KEYS},
         {key: units[key] for key in _MACHINE_KEYS if units[key] != "1"},
     )
+    counts = {"encoder_counts": drive.encoder_counts} if drive.encoder_counts else {}
     plate = section_text(
         "drive",
-        {"T_s": drive.T_s, "u_dc": motor.u_dc, "encoder_counts": drive.encoder_counts},
+        {"T_s": drive.T_s, "u_dc": motor.u_dc, **counts},
         {"T_s": "s", "u_dc": "V", "encoder_counts": "of a mechanical turn"},
     )
     return f"# {motor.title}; R_s, L_d, L_q, psi_f within {TOLERANCE:.0%}\n{machine}\n{plate}"

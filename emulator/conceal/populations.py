@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from emulator.conceal.angle_sensors import ANGLE_SENSORS
 from emulator.conceal.chance import Chance
 from emulator.conceal.dead_time_compensation import COMPENSATED
 from emulator.conceal.mains_hum import HUMMING
@@ -289,13 +290,16 @@ STRANGERS: Final[Mapping[str, Population]] = {
 """Disturbances that are in nobody's library."""
 
 FAMILIES: Final[Mapping[str, Mapping[str, Population]]] = {
-    "chained": CHAIN, "warmed": OUTSIDE, "miscompensated": COMPENSATED, "humming": HUMMING,
+    "chained": CHAIN, "warmed": OUTSIDE, "miscompensated": COMPENSATED, "humming": HUMMING, "misread": ANGLE_SENSORS,
 }  # fmt: skip
 """Kinds that are asked for by name alone, so that all kinds stay as they were: one class of the measuring chain, of
-warmth from outside, of dead times that are made up for by too much or too little, of the mains' hum.
+warmth from outside, of dead times that are made up for by too much or too little, of the mains' hum, of angles by
+sensors of few periods.
 """
 
-POPULATIONS: Final[Mapping[str, Population]] = {**EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE, **COMPENSATED, **HUMMING}
+POPULATIONS: Final[Mapping[str, Population]] = {
+    **EFFECTS, **STRANGERS, **CHAIN, **OUTSIDE, **COMPENSATED, **HUMMING, **ANGLE_SENSORS,
+}  # fmt: skip
 
 
 def chosen(kind: str, chance: Chance) -> tuple[str, ...]:

@@ -109,7 +109,9 @@ def _sized(
         parts.append(POPULATIONS[name].sizes(sizes[name], setting, chance))
     name = f"recording {number}"
     effects = effects_from_table(merged(parts), f"{name}: effects.", Path())
-    scenario = Scenario(name, run.machine, run.drive, run.run, run.excitation, effects)
+    if effects.hall.rate:
+        drive = replace(drive, encoder_counts=0)
+    scenario = Scenario(name, run.machine, drive, run.run, run.excitation, effects)
     check(scenario)
     periods = round(choice.length / run.drive.T_s)
     return Concealed(number, kind, tuple(classes), sizes, scenario, run, periods, attempt)

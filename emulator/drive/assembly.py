@@ -45,6 +45,7 @@ def bench_of(scenario: Scenario) -> Bench:
             effects.angle_signal,
             drive.current_sensors,
             effects.current_hum,
+            effects.hall,
         ),
         voltage=effects.voltage_sensing,
         timing=effects.timing,

@@ -36,6 +36,7 @@ from emulator.plant.physics.angle_signal import Tracked, followed, sensed
 from emulator.plant.physics.compensation import BY_COMMAND, BY_SAMPLE, Compensation, compensating
 from emulator.plant.physics.current_filter import Charges, mean_current, passed
 from emulator.plant.physics.demagnetisation import Demagnetisation
+from emulator.plant.physics.hall import NO_HALL, Edges, edges_after, first_edges, hall_read, told_angle
 from emulator.plant.physics.legs import vector
 from emulator.plant.physics.sensing import VoltageSensing, longest_skew, read_voltage
 from emulator.plant.physics.strangers import Telegraph, keyed, telegraph_voltage
@@ -84,6 +85,7 @@ class State(NamedTuple):
     earlier: Earlier  # samples before that, as the converter gave them
     charges: Charges
     tracked: Tracked
+    edges: Edges
     encoder: float  # rad, mechanical, what the encoder read then
     firmware: FirmwareState
     row: Row
@@ -117,6 +119,17 @@ def plant_of(bench: Bench, machine: Machine, telegraph: bool) -> Plant:
         machine, p.R_cold, magnetics, p.flux_map, p.shaft, p.iron, p.imbalance, p.skin, p.short, p.stray, offset,
         p.resonance, p.filter_time,
     )  # fmt: skip
+
+
+@kernel
+def _read(
+    sensors: Sensors, n_p: int, was_at: float, plant: PlantState, T: float, tracked: Tracked, edges: Edges
+) -> tuple[Tracked, Edges]:
+    """What is known of the shaft T (s) after it was at an angle (rad)."""
+    if sensors.hall.rate == NO_HALL:
+        return followed(sensors.signal, n_p, plant.theta_m, plant.omega_m, T, tracked), edges
+    edges = edges_after(sensors.hall, n_p * nearest(plant.theta_m - was_at), T, edges)
+    return Tracked(plant.omega_m, hall_read(sensors.hall, n_p, plant.theta_m, edges), 0.0, 0.0), edges
 
 
 @kernel
@@ -162,6 +175,10 @@ def started(bench: Bench, settings: Settings, powered: bool, temperature: float)
     charges = (0j, 0j, 0j)  # no current has flown
     signal = bench.sensors.signal
     read = sensed(signal, machine.n_p, state.theta_m - signal.latency * omega_m)
+    hall, omega_e = bench.sensors.hall, machine.n_p * omega_m
+    edges = first_edges(hall, machine.n_p * state.theta_m, omega_e)
+    if hall.rate != NO_HALL:
+        read = hall_read(hall, machine.n_p, state.theta_m, edges)
     tracked = Tracked(omega_m, read, 0.0, omega_m)
     raw = _sampled(bench, plant, state, charges, tracked, back_emf, powered, 0)
     n_p, psi_f = settings.n_p, settings.control_psi_f  # what the drive takes the machine for
@@ -170,7 +187,7 @@ def started(bench: Bench, settings: Settings, powered: bool, temperature: float)
     bridge = BridgeState(bench.bridge.E, False, False, False, 0.0, 0.0, 0.0)
     return State(
         0, state, machine, heat, False, bridge, 0.0, firmware.u_next, 0j, sample, (raw, raw, raw), charges, tracked,
-        raw.theta_m, firmware, NO_ROW,
+        edges, raw.theta_m, firmware, NO_ROW,
     )  # fmt: skip
 
 
@@ -215,12 +232,14 @@ def _compensated(
 
 
 @kernel
-def _write_line(line: NDArray[np.float64], t: float, omega_e: float, period: Period, sample: Sample) -> None:
+def _write_line(
+    line: NDArray[np.float64], t: float, omega_e: float, period: Period, theta_e: float, sample: Sample
+) -> None:
     """One line of a recording: `RECORDED`."""
     line[0] = t
     line[1], line[2] = period.u.real, period.u.imag
     line[3], line[4] = period.i.real, period.i.imag
-    line[5], line[6], line[7] = omega_e, period.theta_e, period.u_dc
+    line[5], line[6], line[7] = omega_e, theta_e, period.u_dc
     line[8], line[9], line[10] = sample.i_a, sample.i_b, sample.i_c
 
 
@@ -264,7 +283,7 @@ def simulated(
     exchanged = bench.crossed != (sensing.phases_swapped != 0)
     (
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,
-        tracked, encoder, firmware, row,
+        tracked, edges, encoder, firmware, row,
     ) = state  # fmt: skip
     room, complete = scratch(), 0
     for n in range(periods):
@@ -283,7 +302,7 @@ def simulated(
         now = plant_of(bench, machine, telegraph)
         if bench.moves:
             W_given += field(now, plant) - field(plant_of(bench, was, telegraph), plant)
-        W_copper, W_iron = plant.W_copper, plant.W_iron
+        W_copper, W_iron, was_at, edges_before = plant.W_copper, plant.W_iron, plant.theta_m, edges
         u, bridge, plant = _driven(bench, now, u, added, exchanged, known, u_dc, t, bridge, plant, room)
         plant = settled(now, t + T_s, plant)
         if bench.thermal.C_w > 0.0:
@@ -291,7 +310,7 @@ def simulated(
         then = plant_of(bench, machine_now(bench, (tick + 1) * T_s, heat), telegraph)
         u_next = u_waiting if bench.timing.delay > 0 else firmware.u_next
         u_held = limited(crossed(exchanged, u_next), u_dc) * (bridge.u_dc / u_dc)
-        tracked = followed(bench.sensors.signal, then.machine.n_p, plant.theta_m, plant.omega_m, T_s, tracked)
+        tracked, edges = _read(bench.sensors, then.machine.n_p, was_at, plant, T_s, tracked, edges)
         latest = _sampled(bench, then, plant, charges, tracked, u_held, firmware.powered, tick + 1)
         raw = averaged(latest, earlier, bench.sensors.filter.samples)
         before, encoder, earlier, charges = (
@@ -322,10 +341,13 @@ def simulated(
             write_row(row, T_s, ticks, rows, complete)
             complete += 1
         if len(recording) > 0:
-            _write_line(recording[n], t, firmware.omega_e if bench.tells_filtered else turn / T_s, period, before)
+            _write_line(
+                recording[n], t, firmware.omega_e if bench.tells_filtered else turn / T_s, period,
+                told_angle(bench.sensors.hall, edges_before, theta_e), before,
+            )  # fmt: skip
         tick += 1
     after = State(
         tick, plant, machine, heat, telegraph, bridge, W_given, u_waiting, u_before, sample, earlier, charges,
-        tracked, encoder, firmware, row,
+        tracked, edges, encoder, firmware, row,
     )  # fmt: skip
     return after, complete

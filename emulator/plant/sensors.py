@@ -9,6 +9,7 @@ from emulator.noise import gauss
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.current_hum import CurrentHum, humming
+from emulator.plant.physics.hall import NO_HALL, Hall
 from emulator.plant.physics.sensing import AngleSensing, CurrentSensing, read_angle
 
 _PHASE_A, _PHASE_B, _PHASE_C = 1, 2, 3  # sources of noise
@@ -30,6 +31,7 @@ class Sensors(NamedTuple):
     signal: AngleSignal = AngleSignal()
     channels: int = 3  # of current; two: phase c is what the others leave; one: a shunt in the dc link
     hum: CurrentHum = CurrentHum()
+    hall: Hall = Hall()  # in an encoder's place, where there are such sensors
 
 
 class Sample(NamedTuple):
@@ -87,7 +89,7 @@ def sampled(
     if sensors.reversed:
         theta_m = -theta_m
     theta_m += sensors.mounted
-    if sensors.encoder_counts > 0:
+    if sensors.encoder_counts > 0 and sensors.hall.rate == NO_HALL:
         count = TURN / sensors.encoder_counts
         theta_m = math.floor(theta_m / count) * count
     i_a, i_b, i_c = converted(i_a, bits, full), converted(i_b, bits, full), converted(i_c, bits, full)

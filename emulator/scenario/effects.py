@@ -20,6 +20,7 @@ from emulator.plant.physics.dc_link import DcLink
 from emulator.plant.physics.demagnetisation import Demagnetisation
 from emulator.plant.physics.flux_map import NO_MAP, FluxMap, loaded
 from emulator.plant.physics.friction import Friction
+from emulator.plant.physics.hall import Hall
 from emulator.plant.physics.harmonics import Harmonics
 from emulator.plant.physics.imbalance import Imbalance, share_of
 from emulator.plant.physics.iron_loss import IronLoss
@@ -68,6 +69,7 @@ class Effects(NamedTuple):
     telegraph: Telegraph = Telegraph()
     resonance: Resonance = Resonance()
     warming: Warming = Warming()
+    hall: Hall = Hall()
 
 
 NONE = Effects()

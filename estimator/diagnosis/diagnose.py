@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
+from estimator.diagnosis.angle.hall_edges import through_edges
 from estimator.diagnosis.answer.convention_told import taken_back, with_convention
 from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.held_out import odd_stretches
@@ -25,6 +26,7 @@ from estimator.diagnosis.intake.drive_data import believed
 from estimator.diagnosis.intake.input_check import checked
 from estimator.diagnosis.intake.phase_sensors import sensor_fault, without_fault
 from estimator.diagnosis.intake.prepared import prepared
+from estimator.diagnosis.intake.voltage_frame import in_own_frame
 from estimator.diagnosis.likelihood.columns import STRETCHES
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import unidentified_inductances
@@ -90,10 +92,11 @@ def _examined(
     as_recorded: bool,
 ) -> Examined:  # fmt: skip
     tolerance = {name: trust.get(name, TOLERANCE) for name in PARAMETERS}
+    runs, through = through_edges(runs)
     runs, left_out = without_bad(runs, nominal)
     runs, sensor, said = _with_sound_sensors(runs, nominal)
     checks = checked(runs, nominal)
-    checks = checks._replace(remarks=(*left_out, *said, *checks.remarks))
+    checks = checks._replace(remarks=(*through, *left_out, *said, *checks.remarks))
     long_enough = [run for run in runs if len(run) >= 3]
     rows_there = sum(map(len, long_enough))
     if checks.stop or rows_there < _FEWEST:
@@ -140,7 +143,8 @@ def _explained_without(
     if suspicion is not None:
         runs, nominal = suspicion.runs, suspicion.machine
     runs, not_used = believed(runs)
-    remarks = (*remarks, *not_used)
+    runs, framed = in_own_frame(runs, nominal)
+    remarks = (*remarks, *not_used, *framed)
     rows, given = prepared(runs, nominal, tolerance)
     if longest(odd_stretches(len(rows)) & rows.joined) < SHORTEST:
         return Examined(_no_verdict((*remarks, (

@@ -25,14 +25,18 @@ def voltage_of_angle_error(rows: Rows, error: Array | float) -> Vector:
 ORDERS: Final = ("once_cos", "once_sin", "twice_cos", "twice_sin")
 """Sizes of an error, rad electrical, that comes once and twice a turn."""
 
+HIGHER_ORDERS: Final = ("thrice_cos", "thrice_sin", "fourth_cos", "fourth_sin")
+"""Of one that comes three and four times."""
+
+_TOLD: Final = tuple(name.removesuffix("_cos") for name in (*ORDERS, *HIGHER_ORDERS)[::2])
+
 
 def told_orders(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
-    """Sizes by `ORDERS` as amplitudes and phases."""
-    once_cos, once_sin, twice_cos, twice_sin = sizes
-    return {
-        "once": (math.hypot(once_cos, once_sin), "rad"), "once_phase": (math.atan2(once_cos, once_sin), "rad"),
-        "twice": (math.hypot(twice_cos, twice_sin), "rad"), "twice_phase": (math.atan2(twice_cos, twice_sin), "rad"),
-    }  # fmt: skip
+    """Sizes by `ORDERS`, or by those and `HIGHER_ORDERS`, as amplitudes and phases."""
+    told = dict[str, tuple[float, str]]()
+    for name, cos, sin in zip(_TOLD, sizes[::2], sizes[1::2], strict=False):
+        told[name], told[f"{name}_phase"] = (math.hypot(cos, sin), "rad"), (math.atan2(cos, sin), "rad")
+    return told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

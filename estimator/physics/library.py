@@ -20,6 +20,7 @@ from estimator.physics import (
     dead_time_compensation,
     encoder_eccentricity,
     flux_harmonics,
+    hall_displacement,
     inductance_harmonics,
     interturn_short,
     inverter_voltage_error,
@@ -49,7 +50,7 @@ LIBRARY: Final[tuple[Effect, ...]] = tuple(
         current_sampling_skew, current_averaging, current_filter,
         angle_latency, angle_sensor_error, angle_tracking,
         winding_temperature, magnet_temperature, symmetric_d_axis_saturation,
-        dead_time_compensation, current_sensor_hum, mains_voltage,
+        dead_time_compensation, current_sensor_hum, mains_voltage, hall_displacement,
     )
 )
 

@@ -59,6 +59,7 @@ class Rows:
     span: tuple[float, float]  # s, start and length of the recording
     angle_step: float = 0.0  # rad, resolution of the angle, where it has one
     angle_turned: float = 1.0  # share of its rounding, by which the drive turned the currents
+    hall_place: float | None = None  # rad, where the edges of Hall sensors are, modulo 60 deg, where the angle has such
     turned_by: Array | float = 0.0  # rad at samples, by which the angle was further when the drive turned by it
     angle_error: float = 0.0  # rad, rms, that the angle's rounding leaves of it: it looks like movement
     rounding: Array | float = 0.0  # rad at samples, of the angle, where it stays because currents' noise is louder
@@ -491,11 +492,12 @@ def rows_of(runs: Sequence[Samples], machine: Machine, i_rated: float) -> Rows:
     zero = None if i_a is None or i_b is None or i_c is None else (i_a + i_b + i_c) / 3.0
     if zero is not None and np.std(zero) <= _NO_SENSOR * np.sqrt(np.mean(i_d**2 + i_q**2)):
         zero = None  # one phase is what the others leave: no third sensor bears witness
-    i = i_d + 1j * i_q
+    i, edges = i_d + 1j * i_q, runs[0].edges
     rows = Rows(
         machine, T, i_rated, t, i, theta[0] + np.concatenate(([0.0], np.cumsum(D))),
         np.exp(0.5j * D), u, joined, None if u_dc is None else u_dc[:n], zero, np.cumsum(heat),
         (float(t[0]), float(t[-1] - t[0])), sampled=i * np.exp(1j * theta),
+        hall_place=edges.place if edges else None, angle_error=edges.error if edges else 0.0,
     )  # fmt: skip
     rows.prepare()
     return rows.changed(left=rows.u - machine.R_s * rows.i_mean - rows.balance(rows.flux(rows.i)))

@@ -11,6 +11,7 @@ from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.plant.physics.current_hum import CurrentHum
+from emulator.plant.physics.hall import BY_SECTOR, BY_TURN, MIDDLE, Hall
 from emulator.scenario.scenarios import Run
 from tests.emulator.plant.physics.effect_runs import ROUND, T_S, at, line, middle, steady, voltage_error, with_effects
 from tests.gallery.picture import IDEAL, A, D, Picture, Q, label, ms
@@ -94,6 +95,33 @@ def _angle_signal(panels: Sequence[Axes]) -> None:
     label(panels[2], "Voltage that the textbook misses", "electrical frequency in Hz", "V")
 
 
+_DISPLACED: Final = Hall(MIDDLE, displaced_a=0.08, displaced_b=-0.05, displaced_c=-0.03)
+
+
+def _hall(panels: Sequence[Axes]) -> None:
+    turn = 1.0 / 40.0  # s
+    sensors = (
+        (_DISPLACED, A, "the middle of the sector"),
+        (_DISPLACED._replace(rate=BY_TURN), Q, "goes on by the last turn's rate"),
+        (_DISPLACED._replace(rate=BY_SECTOR), D, "goes on by the last sector's"),
+    )
+    x = np.linspace(0.0, 360.0, round(turn / T_S))
+    for hall, colour, name in sensors:
+        ideal, real = (
+            steady(with_effects(motor=ROUND, run=at(40.0, ROUND), hall=h), 0.2, turn) for h in (Hall(), hall)
+        )
+        wrong = np.angle(np.exp(1j * (real["theta_e"] - ideal["theta_e"])))
+        panels[0 if hall.rate == MIDDLE else 1].plot(x, 1e3 * wrong, color=colour, label=name)
+        if hall.rate != MIDDLE:
+            held = steady(with_effects(motor=ROUND, i_dq=5j, run=at(40.0, ROUND), hall=hall), 0.2, turn)
+            panels[2].plot(x, held["i_q"], color=colour, label=name)
+    for panel in panels:
+        panel.set(xlim=(0.0, 360.0), xticks=range(0, 361, 60))
+    label(panels[0], "Error of the sensors as they are", "electrical angle in degrees", "mrad, electrical")
+    label(panels[1], "Error of an angle between edges", "electrical angle in degrees", "mrad, electrical")
+    label(panels[2], "A current of 5 A that it turns", "electrical angle in degrees", "i_q in A")
+
+
 PICTURES: Final = {
     "current_filter": Picture(
         "Current filter",
@@ -116,5 +144,12 @@ PICTURES: Final = {
         "grows with speed; a tracking loop lags only while the speed changes.",
         "An encoder off its centre is wrong once a mechanical turn; an offset of the angle is the same at every speed.",
         _angle_signal,
+    ),
+    "hall": Picture(
+        "Hall sensors",
+        "Six edges an electrical turn, and what a drive makes of their times. Sensors that are displaced make edges "
+        "come early and late, the same every half turn: the angle jumps there, or waits.",
+        "An angle sensor's signals make smooth errors, of orders 1 to 4; an offset is the same all around.",
+        _hall,
     ),
 }

@@ -51,6 +51,8 @@ EFFECT: Final[Mapping[str, str]] = {
     "under_compensated": "dead_time_compensation",
     "current_hum": "current_sensor_hum",
     "mains_voltage": "mains_voltage",
+    "signal_harmonics": "angle_sensor_error",
+    "hall_displaced": "hall_displacement",
 }
 """Name that a diagnosis gives to a class."""
 
@@ -259,7 +261,14 @@ def _tracking(scenario: Scenario, _periods: int) -> Sizes:
 def _signals(scenario: Scenario, _periods: int) -> Sizes:
     # To the first order: half of what the signals differ by and half of what their angle does
     signal = scenario.effects.angle_signal
-    return _together({"twice": 0.5 * math.hypot(signal.gain, signal.quadrature)}, "rad")
+    second = math.sqrt(0.5) * signal.second
+    sizes = {"once": second, "twice": 0.5 * math.hypot(signal.gain, signal.quadrature), "thrice": second}
+    return _together({name: size for name, size in (*sizes.items(), ("fourth", signal.third)) if size > 0.0}, "rad")
+
+
+def _hall(scenario: Scenario, _periods: int) -> Sizes:
+    hall = scenario.effects.hall
+    return _together({name: getattr(hall, name) for name in ("displaced_a", "displaced_b", "displaced_c")}, "rad")
 
 
 def _leg_voltages(scenario: Scenario, _periods: int) -> Sizes:
@@ -338,4 +347,5 @@ _SIZES: Final[Mapping[str, Callable[[Scenario, int], Sizes]]] = {
     "dead_time_compensation": _compensation,
     "current_sensor_hum": _hum,
     "mains_voltage": _mains_voltage,
+    "hall_displacement": _hall,
 }

@@ -7,6 +7,7 @@ from dataclasses import replace
 from emulator.drive.virtual_drive import Column, StreamRows, VirtualDrive
 from emulator.plant.machine import Machine as Motor
 from emulator.scenario.scenarios import PAPER, Scenario
+from estimator.diagnosis.angle.hall_edges import through_edges
 from estimator.machine import Machine
 from estimator.physics.rows import Rows, rows_of
 from estimator.samples import Resolution, Samples
@@ -46,13 +47,13 @@ def machine_of(motor: Motor) -> Machine:
 
 
 def rows_of_columns(c: Mapping[str, Column], machine: Machine, T_s: float) -> Rows:
-    """A recording's rows."""
+    """A recording's rows, by the course through its edges where its angle is made of such."""
     samples = Samples(
         c["theta_e"], c["omega_e"], c["i_d"], c["i_q"], c["u_d"], c["u_q"], T_s, u_dc=c["u_dc"], i_a=c["i_a"],
         i_b=c["i_b"], i_c=c["i_c"],
     )  # fmt: skip
     assert machine.i_rated is not None
-    return rows_of([samples], machine, machine.i_rated)
+    return rows_of(through_edges([samples]).runs, machine, machine.i_rated)
 
 
 def noiseless(scenario: Scenario = PAPER) -> Scenario:

@@ -46,7 +46,7 @@ def unrounded(rows: Rows, step: float) -> Rows:
     # What stands is off by as much all the time
     turns = np.abs(np.gradient(rows.theta_e - off)) > _STANDING_STEPS * step
     error = math.sqrt(float(np.mean(variance[turns]))) if turns.any() else 0.0
-    rows = rows.changed(angle_step=step, angle_error=error)
+    rows = rows.changed(angle_step=step, angle_error=math.hypot(error, rows.angle_error))
     quiet = rows.machine.psi_f * step < _QUIET_ROUNDING * math.sqrt(12.0) * _loudness(rows)
     return rows.changed(rounding=off) if quiet and rows.angle_turned > _BY_COUNTS else less_angle(rows, off)
 

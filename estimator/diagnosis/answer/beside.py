@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from estimator.arrays import Array, Vector
+from estimator.diagnosis.angle.hall_edges import through_edges
 from estimator.diagnosis.answer.quality import rms
 from estimator.diagnosis.intake.prepared import prepared
 from estimator.diagnosis.verdict import ErrorChange
@@ -25,7 +26,7 @@ class Comparison:
 
 def compared_with(runs: Sequence[Samples], model: Model) -> Comparison:
     """The model's twin beside a recording's runs. Raises ValueError where none of them has 3 samples."""
-    long_enough = [run for run in runs if len(run) >= 3]
+    long_enough = [run for run in through_edges(runs).runs if len(run) >= 3]
     if not long_enough:
         raise ValueError("expected a run of at least 3 samples without a gap, came none")
     rows, _ = prepared(long_enough, model.machine, dict.fromkeys(PARAMETERS, 0.0))

@@ -284,7 +284,7 @@ def _different(run: Sequence[Hold], name: str) -> tuple[float, ...]:
 
 def _levels_said(rows: Rows, speeds: Sequence[float], i_d: Sequence[float], i_q: Sequence[float]) -> str:
     """What to record, and at which speed."""
-    beats = beat_of(rows) > 0.0
+    beats = beat_of(rows) > 0.0 and rows.hall_place is None
     new = _new_levels(rows, () if beats else speeds, i_d, i_q)
     if beats:
         at = f"at {listed(number(abs(speed), 4) for speed in speeds)} rpm"

@@ -7,6 +7,7 @@
 * `data_sheet`, `drive_data` - nominal values and data of the drive that contradict the recording
 * `input_check` - columns that hold nothing, are cut off, contradict each other; `convention` - which one was followed;
   `speed_factor` - what a speed was multiplied by, with no nominal machine; `speed_lag` - how late it is
+* `voltage_frame` - voltages that were turned on by a speed, not by the angle's own movement
 * `prepared` - rows and what is given, as every fit has them
 
 Knows nothing of effects.

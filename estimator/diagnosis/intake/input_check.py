@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimator.arrays import Array, Vector
+from estimator.diagnosis.angle.hall_edges import steps_of_sectors
 from estimator.diagnosis.intake.answered import answered
 from estimator.diagnosis.intake.causes import speed_as
 from estimator.diagnosis.intake.correction import Correction
@@ -28,7 +29,7 @@ from estimator.diagnosis.intake.rough_fit import (
 from estimator.diagnosis.intake.speed_lag import SpeedLags
 from estimator.machine import PARAMETERS, Machine
 from estimator.online.flux_balance import TURN
-from estimator.samples import Samples
+from estimator.samples import Samples, nearest_turns
 
 FEWEST_ROWS: Final = 50  # rows
 _SHORT_RUN: Final = 20  # rows of a run
@@ -117,6 +118,10 @@ def _excitation(runs: Sequence[Samples], nominal: Machine) -> Iterator[Wrong]:
     if nominal.i_rated is not None and largest > LOUD * nominal.i_rated:
         yield Wrong(f"the currents reach {largest:.3g} A, {largest / nominal.i_rated:.2g} times the nominal i_rated: "
                     f"expected at most {LOUD:g} times; effects that grow with it are asked for over a wrong range")
+    if steps_of_sectors(np.concatenate([nearest_turns(np.diff(run.theta_e), np.zeros(len(run) - 1)) for run in runs])):
+        yield Wrong("theta_e moves in steps of 60 deg, as the state of Hall sensors does: expected the angle that the "
+                    "drive turns voltages by; record the one that it interpolates between their edges", True)
+        return
     rms = math.sqrt(float(np.mean(i_d**2 + i_q**2)))
     idle = rms < _IDLE * (nominal.i_rated or 0.0)
     turned = max(float(np.ptp(np.unwrap(run.theta_e))) for run in runs)

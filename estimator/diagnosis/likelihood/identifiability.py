@@ -253,6 +253,8 @@ def _reason(search: Search, choice: Choice, one: tuple[str, int], cause: str) ->
     """What makes an effect worth too little, in a sentence's part."""
     varies = _scatter_of(search, choice, one) > _EVEN
     uneven = ", and its size is not the same from stretch to stretch" if varies else ""
+    if cause == "angle" and search.regression.rows.hall_place is not None:
+        return "how the rotor moves between the edges of its Hall sensors is not known, and may look like this"
     if cause == "angle":
         beats = beat_energy(search.regression.rows) > 0.0
         by = "each period turns the rotor by nearly whole counts of its encoder, whose rounding" if beats else (

@@ -53,7 +53,9 @@ def _without(effects: Mapping[str, Sizes], name: str) -> dict[str, Sizes]:
 
 def _none_of(name: str, fit: Refitted) -> Sizes:
     """Of an effect that no recording has: none of it, at the first of its shapes."""
-    return BY_NAME[name].in_order(BY_NAME[name].shapes(fit.found.smooth)[0])
+    effect = BY_NAME[name]
+    shapes = effect.shapes(fit.found.smooth) or ((0.0,) * len(effect.parameters),)
+    return effect.in_order(shapes[0])
 
 
 def _agree(fits: Sequence[Refitted]) -> float:

@@ -22,6 +22,7 @@ MOTORS = ("beckhoff_am8141", "servo_4nm", "aalto_2k2", "hbl48zl400", "baldor_ecs
 CLASSES = (
     "dead_time", "drops", "magnet_heat", "saturation_q", "iron_loss", "winding_heat", "demagnetisation", "skin",
     "current_gain", "eccentric_once", "turn_short", "winding_warmed", "magnets_warmed",
+    "signal_harmonics", "hall_displaced",
 )
 """Some of each kind; `make score-diagnosis` has them all."""
 FARTHEST = 3.0  # standard errors, of any of four parameters of ten recordings

@@ -21,7 +21,7 @@ from tests.support.samples import machine_of, rows_of_columns
 MOTORS = ("servo_4nm", "mini_cheetah")  # whose current settles in 29 and in 3 control periods
 MISSED = {  # per mille of rated current; 0.1 where not told
     "dead_time": 1.0, "drops": 2.5, "flux_harmonics": 0.3, "inductance_harmonics": 0.4, "current_skew": 0.15,
-    "imbalance": 0.2,
+    "imbalance": 0.2, "angle_signals": 3.0, "signal_harmonics": 1.5, "hall_displaced": 1.0,
 }  # fmt: skip
 CLASSES = sorted(set(EFFECT) - {"dc_link_gain", "demagnetisation", "winding_heat"})
 

@@ -31,6 +31,13 @@ def gains_of_two(g: float) -> tuple[float, float, float]:
     return 2.0 * c.real, -2.0 * c.imag, 3.0
 
 
+def harmonic_sizes(h: float, phase: float, third: float, third_phase: float) -> tuple[float, ...]:
+    """Sizes of a second and a third harmonic: both signals' as one, (1 - j) h cos(2 theta + phase), and conjugate."""
+    forwards, back = (0.5 * h * (1.0 - 1.0j) * cmath.exp(sign * 1j * phase) for sign in (1.0, -1.0))
+    once, thrice, fourth = forwards.conjugate() * -1.0, back, third * cmath.exp(-1j * third_phase)
+    return once.imag, -once.real, 0.0, 0.0, thrice.imag, -thrice.real, fourth.imag, -fourth.real
+
+
 Made = Callable[[float], dict[str, Any]]
 CASES: dict[str, tuple[Made, Made]] = {  # of the control period (s): sections of a scenario, and the effect's sizes
     "mean over a period": (
@@ -60,7 +67,11 @@ CASES: dict[str, tuple[Made, Made]] = {  # of the control period (s): sections o
     ),
     "sensor's signals": (
         lambda _T: {"angle_signal": AngleSignal(gain=0.1, quadrature=-0.06, offset_sin=0.02)},
-        lambda _T: {"angle_sensor_error": (0.02, 0.0, 0.03, -0.05)},
+        lambda _T: {"angle_sensor_error": (0.02, 0.0, 0.03, -0.05, 0.0, 0.0, 0.0, 0.0)},
+    ),
+    "harmonics of its signals": (
+        lambda _T: {"angle_signal": AngleSignal(second=0.05, second_phase=0.3, third=0.03, third_phase=1.1)},
+        lambda _T: {"angle_sensor_error": harmonic_sizes(0.05, 0.3, 0.03, 1.1)},
     ),
     "gains of two sensors": (
         lambda _T: {"current_sensing": CurrentSensing(gain_a=1.02, gain_b=0.98)},

@@ -66,6 +66,19 @@ def test_signals_of_a_sensor_show_once_and_twice_an_electrical_turn() -> None:
         assert 2.0 * abs(np.mean(wrong * np.exp(-1j * (3 - order) * theta))) < 0.02 * size
 
 
+def test_harmonics_of_a_sensors_signals_show_one_three_and_four_times_an_electrical_turn() -> None:
+    theta = np.linspace(0.0, math.tau, 720, endpoint=False)
+    for signal, sizes in (
+        (AngleSignal(second=0.02, second_phase=0.7),
+         {1: 0.02 / math.sqrt(2.0), 2: 0.0, 3: 0.02 / math.sqrt(2.0), 4: 0.0}),
+        (AngleSignal(third=0.02, third_phase=-0.4), {1: 0.0, 2: 0.0, 3: 0.0, 4: 0.02}),
+    ):
+        wrong = np.array([4.0 * (sensed(signal, 4, x / 4.0) - x / 4.0) for x in theta])
+        for order, size in sizes.items():
+            found = 2.0 * abs(np.mean(wrong * np.exp(-1j * order * theta)))
+            assert found == pytest.approx(size, rel=0.02, abs=3e-4)
+
+
 def test_what_is_not_there_changes_nothing() -> None:
     plain = steady(with_effects(i_dq=3j, step=1.0, run=at(F)), 0.05, 0.02)
     none = with_effects(

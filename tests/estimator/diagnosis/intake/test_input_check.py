@@ -56,6 +56,14 @@ def test_too_few_rows_end_the_diagnosis(number: int) -> None:
     assert "longest run without a gap has 10 rows" in only(pieces, nominal, stop=True)
 
 
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_state_of_hall_sensors_is_no_angle(number: int) -> None:
+    runs, nominal = recording("none", number)
+    sector = TURN / 6.0
+    raw = [replace(run, theta_e=sector * (np.floor(run.theta_e / sector) + 0.5)) for run in runs]
+    assert "steps of 60 deg" in only(raw, nominal, stop=True)
+
+
 def test_many_gaps_are_told_with_what_is_missing() -> None:
     (run, *_), nominal = recording("none", 1)
     pieces = [run[k : k + 100] for k in range(0, 6000, 125)]
