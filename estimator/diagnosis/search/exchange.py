@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, MOST_EFFECTS, Choice, Search, is_freer, one_cause
 from estimator.diagnosis.likelihood.given import Given
 from estimator.diagnosis.likelihood.identifiability import at_an_end, unconfounded
-from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, with_more, without
+from estimator.diagnosis.likelihood.thinning import in_parts
+from estimator.diagnosis.search.fitting import Fitted, closely, exchanged, fitted, of_model, with_more, without
 from estimator.diagnosis.search.remainder import ROUNDED, TRADES, by_chance, excess_of, hidden_of, leaves_some
 from estimator.physics.angle_sensing import AngleError
 from estimator.physics.library import BY_NAME, LIBRARY
@@ -127,11 +128,16 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
     lent = hidden_of(found) + found.search.discrepancy(found.choice)
     instead, forms = _instead(found.search, found.choice, trading), list[tuple[Choice, tuple[str, int]]]()
-    if _leaves_more(found) or _has_beyond(found, given):
+    if here > hidden_of(found) + by_chance(rows) or _has_beyond(found, given):
         forms = _in_other_forms(found)
     if rows.machine.n_p <= _ALIKE or here > hidden_of(found) + by_chance(rows):
         forms += _other_angles(found)
+    few = _by_few_rows(rows, found, given) if instead or forms else found
     for dropped, one in (*instead, *forms):
+        if few is not found and (worse := _clearly_worse(few, dropped, one, given)) > 0.0:
+            if len(dropped) == 1 and one[0] != dropped[0][0]:
+                at_best[dropped[0][0], one[0]] = 0.5 * max(worse * len(rows) / len(few.rows) - lent, 0.0)
+            continue
         begin = exchanged(found, [name for name, _ in dropped], one, given)
         if one[0] not in begin.model.effects:
             continue
@@ -152,6 +158,23 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
         if fewer >= 0 and excess_of(other) < here + due + 2.0 * ENTRY_LOG_ODDS * fewer:
             return Exchanged(other, {})
     return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
+
+
+def _by_few_rows(rows: Rows, found: Fitted, given: Given) -> Fitted:
+    """The fit by few of the rows; itself where they are not many more."""
+    part = in_parts(rows)[0]
+    return found if part is rows else of_model(part, found.model, given, LIBRARY)
+
+
+def _clearly_worse(few: Fitted, dropped: Choice, one: tuple[str, int], given: Given) -> float:
+    """Chi square by which few of the rows leave clearly more with one in the place of others; 0 where they may not."""
+    other, here = exchanged(few, [name for name, _ in dropped], one, given), excess_of(few)
+    if one[0] not in other.model.effects:
+        return 0.0
+    most = _WORTH_MORE * max(here, by_chance(few.rows)) if len(dropped) > 1 else here
+    due = max(few.search.due_of_freer(few.choice, each, one) for each in dropped)
+    worse = excess_of(other) - most
+    return worse if worse > due + 2.0 * ENTRY_LOG_ODDS + hidden_of(few) else 0.0
 
 
 def _left_of_sum(other: Fitted, found: Fitted) -> float:

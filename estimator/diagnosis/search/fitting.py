@@ -102,10 +102,11 @@ def at_nominal(rows: Rows, given: Given) -> Search:
     return _search(part, raw(part), Model(given.machine), given, ())
 
 
-def of_model(rows: Rows, begin: Model, given: Given) -> Fitted:
-    """The best model of a model's own effects, needed or not, and a search that knows these alone."""
+def of_model(rows: Rows, begin: Model, given: Given, library: Sequence[Effect] = ()) -> Fitted:
+    """The best model of a model's own effects, needed or not; its search knows these alone, without a library."""
     model, clean, _ = polished(rows, raw(rows), begin, given)
-    return Fitted(rows, model, clean, _search(rows, clean, model, given, _own(model)))
+    own = _search(rows, clean, model, given, _own(model))
+    return Fitted(rows, model, clean, own, (lambda: _search(rows, clean, model, given, library)) if library else None)
 
 
 def _fitted_from(
