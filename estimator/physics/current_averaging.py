@@ -33,6 +33,7 @@ class _Mean(NamedTuple):
         return 0.5 * (len(self.weights) - 1)
 
 
+_TURNS: Final = 2  # from measured currents to those before
 _FORMS: Final = (
     _Mean((0.5, 0.5), 1), _Mean((0.25, 0.5, 0.25), 2), _Mean((1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), 3),
     _Mean((0.5, 0.5)), _Mean((1.0 / 3.0,) * 3), _Mean((0.25,) * 4),
@@ -51,16 +52,16 @@ def _whole(rows: Rows, form: int) -> Vector:
     back, turning = len(mean.weights) - 1, m.psi_f * rows.rotor
     flux = _through(rows, turning, mean) - turning
     if m.L_d != m.L_q:
-        i = ahead(rows.i_s, mean.lag).conj()
+        i = _before(rows, mean).conj()
         flux += 0.5 * (m.L_d - m.L_q) * (_through(rows, r * r * i, mean) - r * r * _through(rows, i, mean))
     found = rows.stationary(u - _weighted(u, mean.weights) + np.diff(flux) / rows.T_s)
     if mean.periods:
         T, n = rows.T_s, mean.periods
         driving = u - np.diff(turning) / T
-        bend = _before(driving, n) - driving
+        bend = _earlier(driving, n) - driving
         if rows.u_dc is not None:
             moment = rows.moment_of_pulses * rows.middle
-            bend += 12.0 / T**2 * (_before(moment, n) - moment)
+            bend += 12.0 / T**2 * (_earlier(moment, n) - moment)
         found += m.R_s * (T / (12.0 * n) * slope(rows, rows.stationary(bend)) - beyond_ends(rows))
     known = np.zeros(len(rows), np.bool_)
     if len(rows) > back:
@@ -84,19 +85,32 @@ def _arc(rows: Rows) -> Array:
 
 
 def _weighted(x: Vector, weights: tuple[float, ...]) -> Vector:
-    return sum((w * _before(x, j) for j, w in enumerate(weights)), np.zeros_like(x))
+    return sum((w * _earlier(x, j) for j, w in enumerate(weights)), np.zeros_like(x))
 
 
-def _before(x: Vector, places: int) -> Vector:
+def _earlier(x: Vector, places: int) -> Vector:
     """What was so many places before; at the start the first one."""
     return x[np.maximum(np.arange(len(x)) - places, 0)]
 
 
-def ahead(x: Vector, places: float) -> Vector:
-    """What is so many places ahead, on straight lines; at the end the last one."""
-    whole, part = divmod(places, 1.0)
-    at = np.minimum(np.arange(len(x)) + int(whole), len(x) - 1)
-    return (1.0 - part) * x[at] + part * x[np.minimum(at + 1, len(x) - 1)]
+def _before(rows: Rows, mean: _Mean) -> Vector:
+    """Currents (A at samples, stationary) of which measured ones are such a mean: by what has driven them since."""
+    i_s = rows.i_s
+    for _ in range(_TURNS):
+        since = np.concatenate((np.zeros(1), np.cumsum(driven(rows, i_s))))
+        i_s = rows.i_s + since - _weighted(since, mean.weights)
+    return i_s
+
+
+def driven(rows: Rows, i_s: Vector) -> Vector:
+    """Change of currents (A, stationary) that are i_s at samples, over each period; none over a gap."""
+    psi, g = rows.own_flux[0], rows.local_line[0]
+    i, rotor = i_s * rows.rotor.conj(), rows.rotor
+    if rows.local is None:
+        psi = rows.flux(i)
+    by = rows.u * rows.middle - 0.5 * rows.machine.R_s * (i_s[1:] + i_s[:-1])
+    psi_d_q = (rotor[:-1] * psi[:-1] + rows.T_s * by) * rotor[1:].conj()
+    return (rotor[1:] * (i[:-1] + g(psi_d_q - psi[:-1])) - i_s[:-1]) * (rows.apart == 1)
 
 
 def beyond_ends(rows: Rows) -> Vector:
@@ -122,7 +136,7 @@ EFFECT = AddedVoltage(
     adds=voltage,
     smooths=Smoothing(
         lambda _rows, p, v: _weighted(v, _FORMS[round(p[1])].weights),
-        lambda _rows, p: _FORMS[round(p[1])].lag,
+        lambda rows, p: _before(rows, _FORMS[round(p[1])]),
         lambda p: p[0],
     ),
     told=lambda rows, p: {"lag": (p[0] * _FORMS[round(p[1])].lag * rows.T_s, "s")},

@@ -13,15 +13,18 @@ that less. A mean that reaches back by tau looks alike at slow changes; they par
 """
 
 import math
+from typing import Final
 
 import numpy as np
 
 from estimator.arrays import Array, Bools, Vector
 from estimator.kernel import kernel
-from estimator.physics.current_averaging import ahead, beyond_ends, slope
+from estimator.physics.current_averaging import beyond_ends, driven, slope
 from estimator.physics.effect import AddedVoltage, Parameter, Sizes, Smoothing, constant, periods
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
+
+_TURNS: Final = 2  # from measured currents to those before
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -40,7 +43,7 @@ def _whole(rows: Rows, tau: float) -> Vector:
     left = u - _steps_through(u, rows.half.conj() / lags, pulses / tau, begins, decay, tau / T)
     flux = _lines_through(turning, rows.half, lags, begins, decay, tau / T) - turning
     if m.L_d != m.L_q:
-        i = ahead(rows.i_s, tau / T).conj()
+        i = _before(rows, tau).conj()
         flux += 0.5 * (m.L_d - m.L_q) * (
             _lines_through(r * r * i, rows.half, lags, begins, decay, tau / T)
             - r * r * _lines_through(i, rows.half.conj(), lags.conj(), begins, decay, tau / T)
@@ -57,6 +60,26 @@ def _through(rows: Rows, sizes: Sizes, v: Vector) -> Vector:
     begins, decay = np.concatenate(([True], rows.apart[:-1] != 1)), math.exp(-rows.T_s / tau)
     settled: Vector = np.asarray(rows.half.conj() / (1.0 + 1j * rows.omega_e * tau), np.complex128)
     return _steps_through(v, settled, np.zeros_like(v), begins, decay, tau / rows.T_s)
+
+
+def _before(rows: Rows, tau: float) -> Vector:
+    """Currents (A at samples, stationary) before the filter: by what has driven them since."""
+    begins, decay = np.concatenate(([True], rows.apart != 1)), math.exp(-rows.T_s / tau)
+    i_s = rows.i_s
+    for _ in range(_TURNS):
+        i_s = rows.i_s + _high_pass(driven(rows, i_s), begins, decay, tau / rows.T_s)
+    return i_s
+
+
+@kernel
+def _high_pass(change: Vector, begins: Bools, decay: float, lag: float) -> Vector:
+    """What a filter holds back, at samples, of a vector that changes by so much on straight lines."""
+    found = np.empty(len(change) + 1, np.complex128)
+    found[0] = lag * change[0]
+    for k in range(len(change)):
+        at = lag * change[k] if begins[k] else found[k]
+        found[k + 1] = decay * at + (1.0 - decay) * lag * change[k]
+    return found
 
 
 def _of_pulses(rows: Rows, tau: float) -> Vector:
@@ -132,7 +155,7 @@ EFFECT = AddedVoltage(
     "currents that turn behind with speed, and steps that come late",
     ("current_averaging", "voltage_delay"),
     adds=voltage,
-    smooths=Smoothing(_through, lambda rows, p: p[1] / rows.T_s, lambda p: p[0]),
+    smooths=Smoothing(_through, lambda rows, p: _before(rows, float(p[1])), lambda p: p[0]),
     told=lambda _rows, p: {"tau": (p[0] * p[1], "s")},
     other_form_of="current_averaging",
     discrepancy=1e-4,

@@ -86,7 +86,7 @@ class Smoothing:
     """What becomes of currents on their way into the recording, where that is linear and alike in all directions."""
 
     through: Callable[[Rows, Sizes, Vector], Vector]  # of a voltage (V of each period, stationary) that drives currents
-    lag: Callable[[Rows, Sizes], float]  # periods, by which currents come late
+    before: Callable[[Rows, Sizes], Vector]  # A at samples, stationary: currents as they were
     share: Callable[[Sizes], float]  # of them
 
 

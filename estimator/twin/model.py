@@ -13,7 +13,6 @@ import numpy as np
 from estimator.arrays import Array, Vector
 from estimator.machine import Machine
 from estimator.physics.angle_sensing import AngleError
-from estimator.physics.current_averaging import ahead
 from estimator.physics.current_sensing import CurrentError, SkewError
 from estimator.physics.effect import (
     AddedVoltage,
@@ -256,7 +255,7 @@ def _smoothed_beside(truth: Rows, rest: Model, effect: AddedVoltage, sizes: Size
     What a bridge loses is not of the rest: its sign is that of currents which come as late.
     """
     assert effect.smooths is not None
-    i_s = ahead(truth.i_s, effect.smooths.share(sizes) * effect.smooths.lag(truth, sizes))
+    i_s = truth.i_s + effect.smooths.share(sizes) * (effect.smooths.before(truth, sizes) - truth.i_s)
     before = with_local_course(truth.with_currents(i_s * truth.rotor.conj()), rest)
     added = effects_voltage(before, rest)
     return behind(truth, effect, sizes, added) + added
