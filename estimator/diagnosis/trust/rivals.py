@@ -9,6 +9,7 @@ from typing import Final
 
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS, FAINT, Choice, Search, sizes_more
 from estimator.diagnosis.likelihood.identifiability import beside_of, least_borne_out, product_of, signal_of
+from estimator.diagnosis.trust.odds import log_odds
 from estimator.diagnosis.verdict import Ambiguity, Candidate, Experiment, Quantity
 from estimator.physics.library import BY_NAME
 
@@ -118,18 +119,19 @@ def _named_from(search: Search, choice: Choice, more: tuple[str, int], place: in
 
 
 def candidates(search: Search, choice: Choice) -> tuple[Candidate, ...]:
-    """Every effect, by how much it would help."""
+    """Every effect that the recording may show, and the odds that it is there."""
     found: list[Candidate] = []
-    chosen = dict(choice)
+    chosen, scale = dict(choice), math.log(10.0)
     for name in dict.fromkeys(owner for owner, _ in search.candidates()):
         shapes = [c for c in search.candidates() if c[0] == name]
         alone = max(shapes, key=lambda c: search.fit((c,)).log_evidence)
         if name in chosen:
             one = (name, chosen[name])
-            after = search.gain(tuple(c for c in choice if c != one), one)
+            after = log_odds(search, tuple(c for c in choice if c != one), one)
         else:
             more = max(shapes, key=lambda c: search.fit((*choice, c)).log_evidence)
-            after = search.gain(choice, more)
-        scale = math.log(10.0)
-        found.append(Candidate(name, search.gain((), alone) / scale, after / scale, name in chosen))
+            if not any(search.gram[j, j] > 0.0 for j in search.sizes_of(more)):
+                continue
+            after = log_odds(search, choice, more)
+        found.append(Candidate(name, log_odds(search, (), alone) / scale, after / scale, name in chosen))
     return tuple(sorted(found, key=lambda c: (not c.chosen, -c.log10_odds_after)))
