@@ -28,7 +28,8 @@ def log_bayes_factor(search: Search, choice: Choice, more: tuple[str, int]) -> f
     gain, (beyond, complexity) = search.gain(choice, more), _held(search, choice, more)
     if beyond is None:
         return gain
-    return gain + complexity + math.log(math.erfc(min(beyond, _FURTHEST) / math.sqrt(2.0)))
+    beyond = min(beyond, _FURTHEST)
+    return gain + complexity + 0.5 * beyond**2 + math.log(math.erfc(beyond / math.sqrt(2.0)))
 
 
 def _held(search: Search, choice: Choice, more: tuple[str, int]) -> tuple[float | None, float]:
