@@ -8,7 +8,8 @@ What recorded voltages have beyond those that measured currents imply is
 
     u - F u + change over the period of (F m(i) - m(F i))
 
-A mean over time is bent where currents step, so that the resistance sees, besides, R_s T_s/(12 n) d(i)/dt by which the
+with i, before the mean, as what is measured and what has driven it meanwhile: the machine's equation tells that without
+the noise that an inverse of F would make. A mean over time is bent where currents step, so that the resistance sees, besides, R_s T_s/(12 n) d(i)/dt by which the
 last and the first of its periods differ. What a filter does to a machine's linear part is plain algebra; derived here.
 """
 
@@ -33,7 +34,6 @@ class _Mean(NamedTuple):
         return 0.5 * (len(self.weights) - 1)
 
 
-_TURNS: Final = 2  # from measured currents to those before
 _FORMS: Final = (
     _Mean((0.5, 0.5), 1), _Mean((0.25, 0.5, 0.25), 2), _Mean((1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0), 3),
     _Mean((0.5, 0.5)), _Mean((1.0 / 3.0,) * 3), _Mean((0.25,) * 4),
@@ -95,22 +95,16 @@ def _earlier(x: Vector, places: int) -> Vector:
 
 def _before(rows: Rows, mean: _Mean) -> Vector:
     """Currents (A at samples, stationary) of which measured ones are such a mean: by what has driven them since."""
-    i_s = rows.i_s
-    for _ in range(_TURNS):
-        since = np.concatenate((np.zeros(1), np.cumsum(driven(rows, i_s))))
-        i_s = rows.i_s + since - _weighted(since, mean.weights)
-    return i_s
+    since = np.concatenate((np.zeros(1), np.cumsum(rows.once(driven))))
+    return rows.i_s + since - _weighted(since, mean.weights)
 
 
-def driven(rows: Rows, i_s: Vector) -> Vector:
-    """Change of currents (A, stationary) that are i_s at samples, over each period; none over a gap."""
-    psi, g = rows.own_flux[0], rows.local_line[0]
-    i, rotor = i_s * rows.rotor.conj(), rows.rotor
-    if rows.local is None:
-        psi = rows.flux(i)
+def driven(rows: Rows) -> Vector:
+    """Change of the current (A, stationary) over each period, by the voltage that drives it; none over a gap."""
+    i, i_s, rotor, psi, g = rows.i, rows.i_s, rows.rotor, rows.own_flux[0], rows.local_line[0]
     by = rows.u * rows.middle - 0.5 * rows.machine.R_s * (i_s[1:] + i_s[:-1])
-    psi_d_q = (rotor[:-1] * psi[:-1] + rows.T_s * by) * rotor[1:].conj()
-    return (rotor[1:] * (i[:-1] + g(psi_d_q - psi[:-1])) - i_s[:-1]) * (rows.apart == 1)
+    then = (rotor[:-1] * psi[:-1] + rows.T_s * by) * rotor[1:].conj()
+    return (rotor[1:] * (i[:-1] + g(then - psi[:-1])) - i_s[:-1]) * (rows.apart == 1)
 
 
 def beyond_ends(rows: Rows) -> Vector:

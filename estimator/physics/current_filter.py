@@ -13,7 +13,6 @@ that less. A mean that reaches back by tau looks alike at slow changes; they par
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -23,8 +22,6 @@ from estimator.physics.current_averaging import beyond_ends, driven, slope
 from estimator.physics.effect import AddedVoltage, Parameter, Sizes, Smoothing, constant, periods
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
-
-_TURNS: Final = 2  # from measured currents to those before
 
 
 def voltage(rows: Rows, sizes: Sizes) -> Vector:
@@ -65,10 +62,7 @@ def _through(rows: Rows, sizes: Sizes, v: Vector) -> Vector:
 def _before(rows: Rows, tau: float) -> Vector:
     """Currents (A at samples, stationary) before the filter: by what has driven them since."""
     begins, decay = np.concatenate(([True], rows.apart != 1)), math.exp(-rows.T_s / tau)
-    i_s = rows.i_s
-    for _ in range(_TURNS):
-        i_s = rows.i_s + _high_pass(driven(rows, i_s), begins, decay, tau / rows.T_s)
-    return i_s
+    return rows.i_s + _high_pass(rows.once(driven), begins, decay, tau / rows.T_s)
 
 
 @kernel
