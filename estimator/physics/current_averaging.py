@@ -9,8 +9,9 @@ What recorded voltages have beyond those that measured currents imply is
     u - F u + change over the period of (F m(i) - m(F i))
 
 with i, before the mean, as what is measured and what has driven it meanwhile: the machine's equation tells that without
-the noise that an inverse of F would make. A mean over time is bent where currents step, so that the resistance sees, besides, R_s T_s/(12 n) d(i)/dt by which the
-last and the first of its periods differ. What a filter does to a machine's linear part is plain algebra; derived here.
+the noise that an inverse of F would make. A mean over time is bent where currents step, so that the resistance sees,
+besides, R_s T_s/(12 n) d(i)/dt by which the last and the first of its periods differ. What a filter does to a machine's
+linear part is plain algebra; derived here.
 """
 
 from typing import Final, NamedTuple
@@ -95,7 +96,7 @@ def _earlier(x: Vector, places: int) -> Vector:
 
 def _before(rows: Rows, mean: _Mean) -> Vector:
     """Currents (A at samples, stationary) of which measured ones are such a mean: by what has driven them since."""
-    since = np.concatenate((np.zeros(1), np.cumsum(rows.once(driven))))
+    since: Vector = np.concatenate((np.zeros(1, np.complex128), np.cumsum(rows.once(driven))))
     return rows.i_s + since - _weighted(since, mean.weights)
 
 
