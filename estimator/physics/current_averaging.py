@@ -51,19 +51,22 @@ def _whole(rows: Rows, form: int) -> Vector:
     """Where all of the currents is such a mean; none where the periods before are not known."""
     mean, m, r, u = _FORMS[form], rows.machine, rows.rotor, rows.u * rows.middle
     back, turning = len(mean.weights) - 1, m.psi_f * rows.rotor
-    flux = _through(rows, turning, mean) - turning
+    flux, i_s = _through(rows, turning, mean) - turning, _before(rows, mean)
     if m.L_d != m.L_q:
-        i = _before(rows, mean).conj()
+        i = i_s.conj()
         flux += 0.5 * (m.L_d - m.L_q) * (_through(rows, r * r * i, mean) - r * r * _through(rows, i, mean))
     found = rows.stationary(u - _weighted(u, mean.weights) + np.diff(flux) / rows.T_s)
     if mean.periods:
         T, n = rows.T_s, mean.periods
-        driving = u - np.diff(turning) / T
+        driving = u - np.diff(turning) / T - 0.5 * m.R_s * (i_s[1:] + i_s[:-1])
         bend = _earlier(driving, n) - driving
         if rows.u_dc is not None:
             moment = rows.moment_of_pulses * rows.middle
             bend += 12.0 / T**2 * (_earlier(moment, n) - moment)
         found += m.R_s * (T / (12.0 * n) * slope(rows, rows.stationary(bend)) - beyond_ends(rows))
+    else:
+        beyond = beyond_ends(rows)
+        found += m.R_s * (rows.stationary(_weighted(beyond * rows.middle, mean.weights)) - beyond)
     known = np.zeros(len(rows), np.bool_)
     if len(rows) > back:
         known[back:] = np.lib.stride_tricks.sliding_window_view(rows.apart == 1, back + 1).all(axis=1)

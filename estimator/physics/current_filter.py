@@ -39,14 +39,17 @@ def _whole(rows: Rows, tau: float) -> Vector:
     pulses = _of_pulses(rows, tau)
     left = u - _steps_through(u, rows.half.conj() / lags, pulses / tau, begins, decay, tau / T)
     flux = _lines_through(turning, rows.half, lags, begins, decay, tau / T) - turning
+    before = _before(rows, tau)
     if m.L_d != m.L_q:
-        i = _before(rows, tau).conj()
+        i = before.conj()
         flux += 0.5 * (m.L_d - m.L_q) * (
             _lines_through(r * r * i, rows.half, lags, begins, decay, tau / T)
             - r * r * _lines_through(i, rows.half.conj(), lags.conj(), begins, decay, tau / T)
         )
     found = rows.stationary((left + np.diff(flux) / T) * (rows.apart == 1))
-    bend = (0.5 / math.tanh(0.5 * T / tau) - tau / T) * T * slope(rows, found)
+    held = before - rows.i_s
+    drives = found - 0.5 * m.R_s * rows.stationary(held[1:] + held[:-1])
+    bend = (0.5 / math.tanh(0.5 * T / tau) - tau / T) * T * slope(rows, drives)
     new = math.exp(-0.5 * T / tau) * T / tau * beyond_ends(rows) + slope(rows, rows.stationary(pulses))
     return found - m.R_s * (bend + rows.stationary(_left_of(new * rows.middle, begins, decay, tau / T)))
 
