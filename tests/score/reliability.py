@@ -1,7 +1,7 @@
 """Odds that mean odds: of all effects that are told to be there at odds of 10 to 1, one in eleven is not.
 
-`python -m tests.score.reliability ROWS.json ...`: the table, and the two numbers of `estimator.diagnosis.trust.odds`
-that make it level.
+`python -m tests.score.reliability ROWS.json ...`: the table, and what makes it level: by how much, and times what, the
+log-odds that are told are off, which go into the two numbers of `estimator.diagnosis.trust.odds`.
 
 Rows are those that `tests.score.score --json` and the proof write. Every effect of every recording is one candidate,
 named or not, with the odds that the diagnosis tells of it. A bin's share is of those that are there.

@@ -13,8 +13,8 @@ from typing import Final
 
 from estimator.diagnosis.likelihood.evidence import Choice, Search
 
-PRIOR: Final = 0.0
-WORTH: Final = 1.0
+PRIOR: Final = -2.6
+WORTH: Final = 0.25
 _FURTHEST: Final = 30.0  # standard errors beyond none, from which on nothing changes
 
 
