@@ -125,7 +125,7 @@ def slope(rows: Rows, v: Vector) -> Vector:
 EFFECT = AddedVoltage(
     "current_averaging", "an averaging of the measured currents",
     (
-        Parameter("share", "1", constant(1.0), constant(0.25), constant(1.2)),
+        Parameter("share", "1", constant(1.0), constant(0.8), constant(1.2)),
         Parameter("form", "1", constant(1.0), constant(0.0), constant(5.0), shape=True, discrete=True),
     ),
     lambda _rows: tuple((float(form),) for form in range(len(_FORMS))),
