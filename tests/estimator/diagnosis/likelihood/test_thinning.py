@@ -89,7 +89,7 @@ def test_what_effects_remember_is_the_same_a_stretch_at_a_time(monkeypatch: pyte
         parts = regression(rows, rows, model, given)
         monkeypatch.undo()
         size = np.sqrt(np.einsum("sii->i", whole.gram))
-        off = np.abs(parts.gram - whole.gram) / np.outer(size, size)
+        off = np.abs(parts.gram - whole.gram) / np.maximum(np.outer(size, size), 1e-300)
         assert off.max() < 1e-9, (effects, [whole.columns[k] for k in np.argsort(-off.max((0, 1)))[:3]])
 
 
