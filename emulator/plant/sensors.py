@@ -67,8 +67,8 @@ def sampled(
     if slope != 0j:
         by_a, by_b, by_c = phases(slope)
         i_a, i_b, i_c = i_a + channels.skew_a * by_a, i_b + channels.skew_b * by_b, i_c + channels.skew_c * by_c
+    by_a, by_b, by_c = of_shunt(phases(u))
     if sensors.channels == 1:
-        by_a, by_b, by_c = of_shunt(phases(u))
         i_a, i_b, i_c = (
             channels.gain_a * i_a + by_a * channels.offset_a, channels.gain_a * i_b + by_b * channels.offset_a,
             channels.gain_a * i_c + by_c * channels.offset_a,
@@ -96,7 +96,6 @@ def sampled(
     if sensors.channels == 2:
         i_c = -i_a - i_b
     elif sensors.channels == 1:
-        by_a, by_b, by_c = of_shunt(phases(u))
         i_a, i_b, i_c = (
             i_a if by_a != 0.0 else -i_b - i_c, i_b if by_b != 0.0 else -i_c - i_a, i_c if by_c != 0.0 else -i_a - i_b
         )
