@@ -125,14 +125,15 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     may miss is lent to the first; then the one is taken whose machine is as its data sheet says.
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
-    trading, less = _trading(found), 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden_of(found)
-    lent = hidden_of(found) + found.search.discrepancy(found.choice)
+    hidden, trading = hidden_of(found), _trading(found)
+    less, lent = 2.0 * ENTRY_LOG_ODDS + ROUNDED * hidden, hidden + found.search.discrepancy(found.choice)
+    above_noise = here > hidden + by_chance(rows)
     instead, forms = _instead(found.search, found.choice, trading), list[tuple[Choice, tuple[str, int]]]()
-    if here > hidden_of(found) + by_chance(rows) or _has_beyond(found, given):
+    if above_noise or _has_beyond(found, given):
         forms = _in_other_forms(found)
-    if rows.machine.n_p <= _ALIKE or here > hidden_of(found) + by_chance(rows):
+    if rows.machine.n_p <= _ALIKE or above_noise:
         forms += _other_angles(found)
-    few = _by_few_rows(rows, found, given) if instead or forms else found
+    few, of_sum = (_by_few_rows(rows, found, given), _left_of_sum(found, found)) if instead or forms else (found, 0.0)
     for dropped, one in (*instead, *forms):
         if few is not found and (worse := _clearly_worse(few, dropped, one, given)) > 0.0:
             if len(dropped) == 1 and one[0] != dropped[0][0]:
@@ -149,7 +150,7 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
                 as_told.append(begin)
             if one[0] != dropped[0][0]:  # what may be lent makes nothing likelier than it is
                 more = max(more - lent, 0.0) if both and more > 0.0 else more
-                at_best[dropped[0][0], one[0]] = 0.5 * (more + _left_of_sum(begin, found) - _left_of_sum(found, found))
+                at_best[dropped[0][0], one[0]] = 0.5 * (more + _left_of_sum(begin, found) - of_sum)
         due = max(found.search.due_of_freer(found.choice, each, one) for each in dropped)
         if there > (_WORTH_MORE * here if len(dropped) > 1 else here + due if due else here - less):
             continue
