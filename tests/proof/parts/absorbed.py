@@ -2,8 +2,9 @@
 
 A drive emulated in a process of its own, on a socket, is captured by the bench; its residual is held against that of
 the same drive without the effect. What window, recursion and Kalman filter say stands beside the truth. The diagnosis
-is asked, and where it asks for an experiment, the bench runs that on the drive and asks again, up to three times. What
-no experiment on a drive can tell - all voltages, or all currents, scaled alike - is asked again with R_s by a meter.
+is asked, and where it asks for an experiment, the bench runs that on the drive, whose load machine is set to the speeds
+that are asked for, and asks again, up to three times. What no experiment on a drive can tell - all voltages, or all
+currents, scaled alike - is asked again with R_s by a meter.
 
 An effect whose conventional residual shows is halved before anything is diagnosed, as often as that takes. What then
 puts no parameter off by more than 1 % is no case of absorption: it is diagnosed and shown, and not counted as found.
@@ -18,6 +19,10 @@ from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
+
+import pyarrow
+import pyarrow.compute
+import pyarrow.parquet
 
 from bench.actions import experiment
 from bench.actions.capture_request import NEEDED
@@ -47,10 +52,15 @@ from tests.proof.proof import Bar, Proof, Settings, Table
 from tests.support.recordings import read_recording
 from tests.support.served_drive import emulator, ready, tcp_url
 
+pa: Any = pyarrow  # comes without types
+pc: Any = pyarrow.compute
+pq: Any = pyarrow.parquet
+
 ROUNDS: Final = 3  # of experiment and diagnosis
 PERFECT: Final = 1.03  # times the noise floor
 _HALVINGS: Final = 6
 _ATTEMPTS: Final = 3
+_PAUSE: Final = 1.0  # s, between speeds
 _PERIODS: Final = 5  # of a regression row: with one, the currents' noise in it shows
 _WRONG: Final = 0.01  # of a parameter, and ...
 _ERRORS: Final = 3.0  # ... so many standard errors
@@ -154,7 +164,7 @@ def _asked(case: Case, url: str, file: Path, truth: Mapping[str, float]) -> tupl
             break
         try:
             plan = Plan.of(asked := experiment_of(said))
-            there, temperatures = _experiment(url, plan, file.with_stem(f"{file.stem}_{number}"))
+            there, temperatures = _at_all_speeds(case, url, plan, file.with_stem(f"{file.stem}_{number}"))
         except (BenchError, DriveError) as error:
             problem = str(error)
             break
@@ -232,6 +242,30 @@ def _captured(url: str, case: Case, file: Path) -> Path:
     with contextlib.redirect_stdout(StringIO()):
         capture.directly(url, {"signals": [*NEEDED, "u_dc"], "length": length}, file)
     return file
+
+
+def _at_all_speeds(case: Case, url: str, plan: Plan, file: Path) -> tuple[Path, Temperatures]:
+    """The experiment, and the load machine set to each of its speeds: the drive starts anew where that is another.
+
+    A machine that warms up stays as it is, at its speed: the bench remarks on it. Raises DriveError, BenchError.
+    """
+    run = case.scenario.run
+    speeds = tuple(dict.fromkeys(hold.speed_rpm for hold in plan.holds))
+    if len(speeds) == 1 or case.scenario.effects.thermal.C_w > 0.0:
+        return _experiment(url, plan, file)
+    files: list[Path] = []
+    for number, speed in enumerate(speeds):
+        part = replace(plan, holds=tuple(hold for hold in plan.holds if hold.speed_rpm == speed))
+        turned = replace(case.scenario, run=replace(run, speed_rpm=speed, seed=run.seed + number))
+        of_speed = file.with_stem(f"{file.stem}_{speed:.0f}")
+        with _drive(turned, of_speed.with_suffix(".toml")) as at:
+            files.append(_experiment(at, part, of_speed)[0])
+    tables: list[Any] = []
+    for table in map(pq.read_table, files):
+        later = tables[-1]["t"][-1].as_py() + _PAUSE if tables else 0.0
+        tables.append(table.set_column(0, "t", pc.add(table["t"], later)))
+    pq.write_table(pa.concat_tables(tables), file)
+    return file, ((REFERENCE, REFERENCE),) * 2
 
 
 def _experiment(url: str, plan: Plan, file: Path) -> tuple[Path, Temperatures]:
