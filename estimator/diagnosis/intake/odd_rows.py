@@ -179,7 +179,7 @@ def _voltage_returns(table: _Table, e: Vector, fitted: Usual) -> Bools:
     before, after = u[1:-1] - u[:-2], u[1:-1] - u[2:]
     jump = 0.5 * (before + after)
     misses, beside = e[1:-1], np.maximum(size[:-2], size[2:])
-    by_far = _over_usual(misses, usual) > FAR
+    by_far = (_over_usual(misses, usual) > FAR) & (np.abs(before - after) < np.abs(jump))  # a step does not return
     by_far &= (np.abs(misses - jump) < _RETURNS * size[1:-1]) & (beside < _QUIET_SIDES * size[1:-1])
     own = np.array([_usual(jump.real), _usual(jump.imag)])
     quiet = _over_usual(jump, np.maximum(usual, own * _LOUD / FAR)) > FAR
