@@ -40,5 +40,5 @@ EFFECT = AngleError(
     ("angle_offset", "iron_loss", "voltage_delay"),
     error=error,
     error_as_measured=error_as_measured,
-    discrepancy=1e-6,
+    discrepancy=1e-8,
 )

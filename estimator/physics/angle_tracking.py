@@ -7,6 +7,7 @@ With a = d2(theta_t)/dt2: e + (2 damping/omega_n) de/dt = a/omega_n^2. At steady
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from estimator.arrays import Array, Bools
 from estimator.kernel import kernel
 from estimator.physics.angle_latency import accelerates
 from estimator.physics.angle_sensing import AngleError
-from estimator.physics.effect import Parameter, Sizes, constant, periods
+from estimator.physics.effect import Parameter, Sizes, constant
 from estimator.physics.rows import Rows
 
 
@@ -29,6 +30,8 @@ def error(rows: Rows, sizes: Sizes) -> Array:
 def error_as_measured(rows: Rows, sizes: Sizes) -> Array:
     """The same by measured angles, which the loop has smoothed already."""
     lag, settling = _constants(sizes)
+    if lag <= 0.0:
+        return np.zeros(len(rows.theta_e))
     return -lag * _first_order(accelerates(rows), _begins(rows), math.exp(-rows.T_s / settling))
 
 
@@ -86,9 +89,9 @@ def _second_order(settled: Array, begins: Bools, own: float, by_slope: float, sl
 
 
 def _constants(sizes: Sizes) -> tuple[float, float]:
-    """1/omega_n^2 (s2) and 2 damping/omega_n (s): a size of 1 has a damping of 1/sqrt(2)."""
-    size, settling = sizes
-    return 0.5 * size * settling**2, settling
+    """1/omega_n^2 (s2) and 2 damping/omega_n (s)."""
+    lag, damping = sizes
+    return lag, 2.0 * damping * math.sqrt(max(lag, 0.0))
 
 
 def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
@@ -97,13 +100,18 @@ def _told(_rows: Rows, sizes: Sizes) -> dict[str, tuple[float, str]]:
     return {"bandwidth": (1.0 / (math.tau * math.sqrt(lag)) if lag > 0.0 else math.inf, "Hz")}
 
 
+def _of_settling(times: float) -> Callable[[Rows], float]:
+    """1/omega_n^2 of a loop that settles with so many control periods, at a damping of 1/sqrt(2)."""
+    return lambda rows: 0.5 * (times * rows.T_s) ** 2
+
+
 EFFECT = AngleError(
     "angle_tracking", "a tracking loop of the angle",
     (
-        Parameter("size", "1", constant(1.0), constant(0.2), constant(4.0)),
-        Parameter("settling", "s", periods(20.0), periods(2.0), periods(600.0), shape=True),
+        Parameter("lag", "s2", _of_settling(45.0), _of_settling(2.0), _of_settling(600.0)),
+        Parameter("damping", "1", constant(0.3), constant(0.35), constant(1.6), shape=True),
     ),
-    lambda rows: tuple((times * rows.T_s,) for times in (5.0, 15.0, 45.0, 135.0)),
+    lambda _rows: ((math.sqrt(0.5),),),
     "voltages of a turned frame while the speed changes",
     ("angle_latency",),
     error=error,
@@ -111,5 +119,5 @@ EFFECT = AngleError(
     change=change,
     while_speed_changes=True,
     told=_told,
-    discrepancy=1e-4,
+    discrepancy=5e-5,
 )

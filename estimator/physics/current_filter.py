@@ -155,5 +155,5 @@ EFFECT = AddedVoltage(
     smooths=Smoothing(_through, lambda rows, p: _before(rows, float(p[1])), lambda p: p[0]),
     told=lambda _rows, p: {"tau": (p[0] * p[1], "s")},
     other_form_of="current_averaging",
-    discrepancy=1e-4,
+    discrepancy=3e-5,
 )

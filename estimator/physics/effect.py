@@ -43,7 +43,8 @@ class Effect:
     fingerprint: str
     confused_with: tuple[str, ...]
     _: KW_ONLY
-    discrepancy: float  # share of the effect's energy that its equation may miss in a real one
+    discrepancy: float  # share of the effect's energy that its equation may miss in a real one, and
+    misses_more: Callable[[Sizes], float] | None = None  # the same beyond it, of these sizes
     told: Callable[[Rows, Sizes], dict[str, tuple[float, str]]] | None = None  # value and unit of what users are told
     remembers: Callable[[Rows, Sizes], object] | None = None  # works out what depends on all that came before
     emf: Callable[[Rows, Sizes], Vector] | None = None  # V at samples, that it takes from what drives the current
@@ -58,6 +59,10 @@ class Effect:
     def sizes(self) -> tuple[int, ...]:
         """Places of the parameters that are sizes."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+    def missed(self, sizes: Sizes) -> float:
+        """Share of its energy that its equation may miss at these sizes."""
+        return self.discrepancy + (self.misses_more(sizes) if self.misses_more is not None else 0.0)
 
     @property
     def moves(self) -> bool:
@@ -88,6 +93,7 @@ class Smoothing:
     through: Callable[[Rows, Sizes, Vector], Vector]  # of a voltage (V of each period, stationary) that drives currents
     before: Callable[[Rows, Sizes], Vector]  # A at samples, stationary: currents as they were
     share: Callable[[Sizes], float]  # of them
+    samples: Callable[[Sizes], int] = lambda _sizes: 1  # of which each value is the mean, with their noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -242,6 +242,11 @@ def smoothing(model: Model) -> list[tuple[AddedVoltage, Sizes]]:
     return [(effect, sizes) for effect, sizes in of_kind(AddedVoltage, model.effects) if effect.smooths is not None]
 
 
+def samples_in_mean(model: Model) -> int:
+    """Rows whose noise of the currents is in one value."""
+    return max((effect.smooths.samples(sizes) for effect, sizes in smoothing(model) if effect.smooths), default=1)
+
+
 def behind(truth: Rows, effect: AddedVoltage, sizes: Sizes, v: Vector) -> Vector:
     """What smoothing makes of a voltage (V of each period, rotor frame) that drives currents, less itself."""
     assert effect.smooths is not None

@@ -3,7 +3,7 @@
     x = (1 + gain) cos(theta_e + quadrature/2) + offset_cos + harmonics(theta_e)
     y =            sin(theta_e - quadrature/2) + offset_sin + harmonics(theta_e - pi/2)
     harmonics(x) = second cos(2 x + second_phase) + third cos(3 x + third_phase)
-    theta = atan2(y, x)
+    theta = atan2(y, x), less what unequal amplitudes and a wrong quadrature together turn it by in the mean
     d(theta_t)/dt = omega_t + 2 damping omega_n (theta - theta_t)      d(omega_t)/dt = omega_n^2 (theta - theta_t)
     what is read at t is of t - latency
 
@@ -68,7 +68,8 @@ def sensed(signal: AngleSignal, n_p: int, theta_m: float) -> float:
     if not pure:
         x += _harmonics(signal, theta_e)
         y += _harmonics(signal, theta_e - 0.5 * math.pi)
-    return theta_m + nearest(math.atan2(y, x) - theta_e) / n_p
+    zero = math.atan(signal.gain / (2.0 + signal.gain) * math.tan(0.5 * signal.quadrature))  # mean of what is read
+    return theta_m + nearest(math.atan2(y, x) - zero - theta_e) / n_p
 
 
 @kernel

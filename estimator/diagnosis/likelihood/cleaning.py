@@ -18,7 +18,7 @@ from estimator.physics.effect import Branch
 from estimator.physics.library import of_kind
 from estimator.physics.rows import Rows
 from estimator.twin.currents import followed_currents, response_of
-from estimator.twin.model import Model, residual, zero_residual
+from estimator.twin.model import Model, residual, samples_in_mean, zero_residual
 from estimator.twin.response import Response
 
 _FOLLOWED_SHARES: Final = (0.02, 0.1, 0.4)  # a period, of what is between measured currents and those of the model
@@ -82,7 +82,7 @@ def cleaned(rows: Rows, smooth: Rows, model: Model, following: Following) -> Cle
     if any(branch.fast_resistance is not None for branch, _ in of_kind(Branch, model.effects)):
         return _cleaned_following(rows, model, following)._replace(follow=None, response=None)
     z = flux_errors(residual(rows, smooth, model), rows, model)
-    noise = noise_of(z, zero_residual(rows, smooth, model), rows)
+    noise = noise_of(z, zero_residual(rows, smooth, model), rows, samples_in_mean(model))
     w = min(_AVERAGED, max(1, len(z) // 4))
     sums = np.cumsum(np.concatenate((np.zeros(w + 1), z, np.zeros(w))))
     fast = z - (sums[2 * w + 1 :] - sums[: -2 * w - 1]) / (2 * w + 1)
@@ -105,7 +105,7 @@ def _cleaned_following(rows: Rows, model: Model, following: Following) -> Clean:
         follow = partial(following, share)
         smooth, _ = follow(model)
         z = flux_errors(residual(rows, smooth, model), rows, model)
-        noise = noise_of(z, zero_residual(rows, smooth, model), rows)
+        noise = noise_of(z, zero_residual(rows, smooth, model), rows, samples_in_mean(model))
         return Clean(smooth, z, noise, follow, partial(_response, rows, smooth, share), following), noise
 
     while True:

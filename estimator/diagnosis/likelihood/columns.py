@@ -44,6 +44,7 @@ from estimator.twin.model import (
     frame_of,
     in_truth,
     left_over,
+    samples_in_mean,
     see_lost,
     smoothing,
     voltage_as_present,
@@ -131,7 +132,7 @@ def regression(
     columns = _model_coefficients(smooth, model, given, library)
     steps = _steps(truth, model, columns)
     if noise is None:
-        noise = noise_of(flux_errors(r, rows, model), zero, rows)
+        noise = noise_of(flux_errors(r, rows, model), zero, rows, samples_in_mean(model))
     straighten = _straighten(rows, model, noise)
     coupled = not library and model.bend is None  # while sets are compared, effects are not in others' columns
     answering = _answering(columns, response)

@@ -294,7 +294,7 @@ class Search:
         for n, place in enumerate(fit.places):
             column = self.columns[place]
             if column.owner != "machine" and not column.shape:
-                off = FORM * math.sqrt(BY_NAME[column.owner].discrepancy) * float(fit.value[n])
+                off = FORM * math.sqrt(self.missed(choice, (column.owner, column.seed))) * float(fit.value[n])
                 along = covariance[:, n] * (off / covariance[n, n])
                 total += np.outer(along, along)
         return total
@@ -310,7 +310,12 @@ class Search:
     def discrepancy(self, choice: Choice) -> float:
         """What the equations of a set's effects may leave of them, as a part of chi square."""
         total = BEND_MISSED * max(self.plain().chi2 - self.fit(choice).chi2, 0.0) if self.bent else 0.0
-        return total + sum(BY_NAME[one[0]].discrepancy * max(self.explained(choice, one), 0.0) for one in choice)
+        return total + sum(self.missed(choice, one) * max(self.explained(choice, one), 0.0) for one in choice)
+
+    def missed(self, choice: Choice, one: tuple[str, int]) -> float:
+        """Share of what an effect of a set explains that its equation may miss."""
+        fit = self.fit(choice)
+        return BY_NAME[one[0]].missed([float(fit.value[fit.places.index(j)]) for j in self.sizes_of(one)])
 
     def due_of_freer(self, choice: Choice, one: tuple[str, int], other: tuple[str, int]) -> float:
         """Chi square that an effect of a set has to explain beyond another form of its cause, where it is freer: for

@@ -75,17 +75,21 @@ def straightening(rows: Rows, model: Model, bend: Bend) -> Array:
     ])  # fmt: skip
 
 
-def noise_of(z: Vector, zero: Array | None, rows: Rows) -> tuple[float, float, float]:
-    """White noise of the whitened residual (Vs on d, Vs on q, A). A little at least: no sensor is free of it."""
+def noise_of(z: Vector, zero: Array | None, rows: Rows, samples: int = 1) -> Noise:
+    """White noise of the whitened residual (Vs on d, Vs on q, A). A little at least: no sensor is free of it.
+
+    `samples`: of which each current is the mean, with noise of its own.
+    """
     m, least = rows.machine, _LEAST_NOISE * rows.i_rated
-    zero_noise = 1.0 if zero is None else max(white_of(zero[:-1], rows), least)
-    return max(white_of(z.real, rows), m.L_d * least), max(white_of(z.imag, rows), m.L_q * least), zero_noise
+    zero_noise = 1.0 if zero is None else max(white_of(zero[:-1], rows, samples), least)
+    d, q = (white_of(x, rows, samples) for x in (z.real, z.imag))
+    return max(d, m.L_d * least), max(q, m.L_q * least), zero_noise
 
 
-def white_of(x: Array, rows: Rows) -> float:
-    """White noise of what has a value for each period, rms, from what changes between neighbours."""
-    both = rows.joined[1:] & rows.joined[:-1]
-    step = np.diff(x)[both[: len(x) - 1]]
+def white_of(x: Array, rows: Rows, samples: int = 1) -> float:
+    """White noise of what has a value for each period, rms, from what changes between the nearest that share none."""
+    both = np.lib.stride_tricks.sliding_window_view(rows.joined, samples + 1).all(axis=1)
+    step = (x[samples:] - x[:-samples])[both[: len(x) - samples]]
     rms = float(np.median(np.abs(step))) / 0.6744898
     for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
         within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step

@@ -32,7 +32,7 @@ from estimator.machine import UNITS
 from estimator.physics.flux_map import MISSED, Axis, Bend, line_of, mirrored, slopes_of
 from estimator.physics.rows import Rows
 from estimator.physics.saturation import SATURATIONS
-from estimator.twin.model import Model, effects_voltage, in_truth
+from estimator.twin.model import Model, effects_voltage, in_truth, samples_in_mean
 
 _CELL: Final = 1.0 / 7.0  # of the rated current: size of the spline's cells
 _MAP_PASSES: Final = 3  # of fit and mean current
@@ -237,9 +237,10 @@ def map_begun(rows: Rows, model: Model) -> Model | None:
     low, high = np.quantile(i.real, [_GLITCHES, 1.0 - _GLITCHES]).tolist()
     d, q = Axis.over(low, high, _CELL * rows.i_rated), Axis.over(-reach, reach, _CELL * rows.i_rated)
     shapes, stiff = _shapes(d, q)
+    samples = samples_in_mean(model)
     psi, mean, machine, bend = truth.flux(i), truth.i_mean, model.machine, None
     for n in range(_MAP_PASSES):
-        noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), by), None, truth)
+        noise = noise_of(whitened(rest - machine.R_s * mean - truth.balance(psi), by), None, truth, samples)
         value, precision = _map_solved(_sums(truth, d, q, shapes, mean, rest, noise, by), stiff)
         L_d, L_q, psi_f = value[:_STRAIGHT_SHAPES].tolist()
         before = model.machine

@@ -24,15 +24,14 @@ from estimator.diagnosis.likelihood.identifiability import (
 )
 from estimator.diagnosis.likelihood.noise import Noise, as_in, filter_of, flux_errors, noise_of, whitened
 from estimator.diagnosis.likelihood.thinning import PARTS, in_parts, thinned
-from estimator.diagnosis.search.fitting import Fitted, exchanged, fitted, of_model, without
+from estimator.diagnosis.search.fitting import Fitted, by_one, fitted, of_model, without
 from estimator.diagnosis.unnamed.describe import RESONANCE, best_resonance, describe, rings
 from estimator.diagnosis.verdict import Unexplained
 from estimator.machine import PARAMETERS
 from estimator.physics import voltage_delay
-from estimator.physics.library import LIBRARY
 from estimator.physics.mains import of_mains
 from estimator.physics.rows import Rows
-from estimator.twin.model import Model, residual
+from estimator.twin.model import Model, residual, samples_in_mean
 
 _NO_MISMATCH: Final = 0.045  # of the noise's power: no mismatch that matters
 _NOISE_CHANCE: Final = 4.0  # standard deviations of what noise leaves above itself
@@ -42,7 +41,6 @@ ROUNDED: Final = 0.01  # of the angle's rounding, that one of two models may exp
 _FAR_ABOVE_FORM: Final = 5.0  # times what something without a name leaves, that likely effects leave in its place
 _CLEARLY_OFF: Final = 1.2  # times the tolerance, that a parameter lies beyond for certain
 TRADES: Final = 0.01  # of its energy, that an effect has beyond what the machine's parameters look like
-_WORTH_TRYING: Final = 0.5  # of what the likeliest effect explains where equations are lines, that others have to
 _ONCE: Final = 2.0  # changes, of what comes and goes
 LIKE_RESONANCE: Final = ("iron_loss", "ac_resistance")
 
@@ -98,24 +96,12 @@ def restarted_from_fewer(rows: Rows, found: Fitted, given: Given) -> Fitted:
     if len(found.choice) > 1:
         strongest = max(found.choice, key=lambda one: found.own.explained(found.choice, one))
         fewer.append(without(found, [name for name, _ in found.choice if name != strongest[0]], given))
-        fewer += _by_one(rows, found, given)
+        part = in_parts(rows)[0]
+        one = by_one(part, given)
+        if one is not None and excess_of(one) * len(rows) < excess_of(found) * len(part):
+            fewer.append(of_model(rows, one.model, given))
     least = min(fewer, key=excess_of, default=found)
     return fitted(rows, given, begin=least.model) if excess_of(least) < excess_of(found) else found
-
-
-def _by_one(rows: Rows, found: Fitted, given: Given) -> list[Fitted]:
-    """The fit by the one effect that leaves least of few of the rows at its best, where there is one.
-
-    Lines at the nominal machine tell which are tried: what explains most there need not at its best.
-    """
-    part = in_parts(rows)[0]
-    bare = of_model(part, Model(given.machine), given, LIBRARY)
-    search, left = bare.search, bare.own.fit(()).chi2
-    gains = {one: left - search.fit((one,)).chi2 for one in search.candidates()}
-    worth = [one for one, gain in gains.items() if gain > _WORTH_TRYING * max(gains.values())]
-    best = min((exchanged(bare, (), one, given) for one in worth), key=excess_of, default=bare)
-    enough = excess_of(best) * len(rows) < excess_of(found) * len(part)
-    return [of_model(rows, best.model, given)] if best.choice and enough else []
 
 
 def _bare(found: Fitted, given: Given) -> Fitted:
@@ -138,7 +124,7 @@ def _flux_errors(rows: Rows, found: Fitted) -> tuple[Rows, Vector, tuple[float, 
     elif model.bend is None:
         return there, found.z, found.noise[:2]
     z = whitened(residual(there, found.smooth, model), filter_of(there, model.machine))
-    return there, z, noise_of(z, None, rows)[:2]
+    return there, z, noise_of(z, None, rows, samples_in_mean(found.model))[:2]
 
 
 class _Rung(NamedTuple):

@@ -43,7 +43,7 @@ def rivals(
         known = best.get(other[0])
         if known is None or search.fit((*rest, other)).log_evidence > search.fit((*rest, known)).log_evidence:
             best[other[0]] = other
-    full, discrepancy = search.fit(choice), BY_NAME[one[0]].discrepancy * max(0.0, search.explained(choice, one))
+    full, discrepancy = search.fit(choice), search.missed(choice, one) * max(0.0, search.explained(choice, one))
     scatter = search.scatter(full, one)
     found: list[RivalFit] = []
     for other in best.values():

@@ -63,7 +63,7 @@ CASES: dict[str, tuple[Made, Made]] = {  # of the control period (s): sections o
     ),
     "tracking loop": (
         lambda _T: {"angle_signal": AngleSignal(bandwidth=40.0, damping=0.7)},
-        lambda _T: {"angle_tracking": (1.0 / 0.98, 1.4 / omega_n(40.0))},
+        lambda _T: {"angle_tracking": (omega_n(40.0) ** -2, 0.7)},
     ),
     "sensor's signals": (
         lambda _T: {"angle_signal": AngleSignal(gain=0.1, quadrature=-0.06, offset_sin=0.02)},

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from emulator.conceal.recording import Choice
+from emulator.scenario.motors import MOTORS
 from estimator.diagnosis.search.fitting import fitted
 from tests.estimator.diagnosis.concealed_runs import population, rows_of
 
@@ -25,3 +27,15 @@ def test_a_drift_is_followed_to_its_size_though_its_equation_bends(tmp_path: Pat
     assert set(effects) == {"winding_resistance_drift", "magnet_flux_step", "flux_harmonics"}
     assert effects["winding_resistance_drift"] == pytest.approx((0.19, 1.13, 0.0), rel=0.05, abs=0.01)
     assert effects["magnet_flux_step"][0] == pytest.approx(-0.0475, rel=0.01)
+
+
+CHAINED = Choice(1014, ("none",), (0.0, 1.0), tuple(MOTORS), 6.0, chain=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "form"), [(57, 1), (44, 4)])
+def test_a_mean_of_currents_is_found_in_its_form(number: int, form: int, tmp_path: Path) -> None:
+    """Over two periods, and of three samples, whose noise is no white one. Lines of no mean do not tell which."""
+    effects = fitted(*rows_of(CHAINED, number, tmp_path)).model.effects
+    assert set(effects) - {"angle_latency"} == {"current_averaging"}
+    assert effects["current_averaging"] == pytest.approx((1.0, form), rel=0.005)
