@@ -4,12 +4,13 @@ Whoever builds a drive decides on these; a user of it knows few of them.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from emulator.conceal.chance import Chance
 from emulator.conceal.population import Population, Sections, Setting
 
+_OF_ANGLE: Final = ("angle_late", "angle_tracked", "angle_signals")
 _DEGREE: Final = math.pi / 180.0
 
 
@@ -18,6 +19,11 @@ class MeasuringChain(NamedTuple):
 
     current_sensors: int
     classes: tuple[str, ...]  # of CHAIN
+
+    def beside(self, own: Sequence[str]) -> tuple[str, ...]:
+        """Its classes beside a recording's own; Hall sensors are another way of the angle."""
+        others = (*own, *(_OF_ANGLE if "hall_displaced" in own else ()))
+        return tuple(name for name in self.classes if name not in others)
 
 
 def drawn_chain(chance: Chance) -> MeasuringChain:

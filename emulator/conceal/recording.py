@@ -58,7 +58,8 @@ def drawn(choice: Choice, number: int) -> tuple[Concealed, Mapping[str, Column]]
     kind = chance.one_of(choice.kinds)
     chain = drawn_chain(Chance(choice.seed, number, "chain")) if choice.chain else MeasuringChain(3, ())
     sensors = choice.current_sensors or chain.current_sensors
-    classes = (*(own := chosen(kind, chance)), *(name for name in chain.classes if name not in own))
+    own = chosen(kind, chance)
+    classes = (*own, *chain.beside(own))
     for attempt in range(_RUNS * _SIZES):
         run = drawn_run(Chance(choice.seed, number, f"run {attempt // _SIZES}"), choice.motors, choice.length)
         run = replace(run, drive=replace(run.drive, current_sensors=sensors))

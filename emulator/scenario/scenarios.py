@@ -42,7 +42,9 @@ from emulator.input_file import read_text, shown
 from emulator.plant.inverter import longest
 from emulator.plant.machine import COLDEST, HOTTEST, TABLE_TEMPERATURES, Machine, at_temperature
 from emulator.plant.mechanics import Profile
+from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.friction import Friction
+from emulator.plant.physics.hall import NO_HALL
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE, Effects, check_effects, effects_from_table
 from emulator.scenario.motors import drive_table, motor_from_table
@@ -292,6 +294,8 @@ def _check_choices(scenario: Scenario) -> None:
     if run.speed_control and run.shaft != "free":
         raise ScenarioError(f"{name}: run.speed_control takes a free shaft, got shaft {run.shaft!r}")
 
+    if scenario.effects.hall.rate != NO_HALL and scenario.effects.angle_signal != AngleSignal():
+        raise ScenarioError(f"{name}: expected one way of the angle, effects.hall or effects.angle_signal, got both")
     if run.temperature_profile and run.temperature != COLDEST:
         raise ScenarioError(
             f"{name}: run.temperature takes no value beside run.temperature_profile, got {run.temperature:g}"

@@ -193,12 +193,12 @@ def _fit_free(white: Vectors, held: Array, beta: Array, free: Bools, step: float
 
 
 def _poles(beta: Array, columns: Vectors, one: Samples, axes: "tuple[_Spectrum, ...]") -> tuple[float, float]:
-    """a of the filter, on d and q."""
+    """a of the filter, on d and q; on an axis that has no rows any does."""
     R_s, L_d, L_q, _ = beta.tolist()
     N, T, s2 = one.periods, one.T, _mean_square(columns[3].imag)
     poles = [POLE, POLE]
     for k, (L, other) in enumerate(((L_d, L_q), (L_q, L_d))):
-        if L > LEAST_L:
+        if L > LEAST_L and not (one.q_only and k == 0):
             q = (N - 1) / N**2 * ((R_s * T / L) ** 2 + s2 * (T * other / L) ** 2)
             if axes[k].level > 0.0:
                 q += one.resolution.u**2 / 12.0 * (T / axes[k].level) ** 2

@@ -81,9 +81,13 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
 
 
 def _beyond_noise(fit: Fit | None) -> str:
-    """What is left where nothing is amiss, if it is more than noise: too little beside the voltage to matter."""
+    """What is left where nothing is amiss, if it is more than noise, or may be: too little for the voltage to matter."""
     error = None if fit is None else fit.one_step_rms_V
-    if error is None or error.noise_floor is None or error.after <= _LIKE_NOISE * error.noise_floor:
+    if error is None or math.isnan(error.after):
+        return ""
+    if error.noise_floor is None:
+        return f"an error of {quantity(error.after, 'V')}, of which these rows do not tell how much is noise"
+    if error.after <= _LIKE_NOISE * error.noise_floor:
         return ""
     return (
         f"little beside the voltage: an error of {quantity(error.after, 'V')} in one step, where noise makes "

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.arrays import Array, Vector
+from estimator.arrays import Array, Bools, Vector
 from estimator.diagnosis.likelihood.whitening import Axes, Whitening, whiten, whitening_of
 from estimator.machine import Machine
 from estimator.physics.flux_map import Bend
@@ -87,9 +87,19 @@ def noise_of(z: Vector, zero: Array | None, rows: Rows, samples: int = 1) -> Noi
 
 
 def white_of(x: Array, rows: Rows, samples: int = 1) -> float:
-    """White noise of what has a value for each period, rms, from what changes between the nearest that share none."""
-    both = np.lib.stride_tricks.sliding_window_view(rows.joined, samples + 1).all(axis=1)
-    step = (x[samples:] - x[:-samples])[both[: len(x) - samples]]
+    """White noise of what has a value for each period, rms, from what changes between neighbours.
+
+    What changes in two periods is more by as much of the noise as each further sample of a mean brings: the more that
+    are in a mean, the more neighbours share.
+    """
+    once = _changed(x, rows, 1)
+    return once if samples == 1 else math.sqrt(once**2 + (samples - 1) * max(_changed(x, rows, 2) ** 2 - once**2, 0.0))
+
+
+def _changed(x: Array, rows: Rows, periods: int) -> float:
+    """Noise of values, rms, that changes by as much in so many periods."""
+    both: Bools = np.lib.stride_tricks.sliding_window_view(rows.joined, periods + 1).all(axis=1)
+    step = (x[periods:] - x[:-periods])[both[: len(x) - periods]]
     rms = float(np.median(np.abs(step))) / 0.6744898
     for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
         within = step[np.abs(step) <= 4.0 * rms] if rms > 0.0 else step

@@ -121,7 +121,8 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
     for several.
 
-    Of two effects that bend and look like the machine's parameters, what rounding of the angle may leave and equations
+    What explains no more than rounding of the angle may leave stands for nothing, and nothing is tried in its place. Of
+    two effects that bend and look like the machine's parameters, what rounding of the angle may leave and equations
     may miss is lent to the first; then the one is taken whose machine is as its data sheet says.
     """
     here, at_best, as_told = excess_of(found), dict[tuple[str, str], float](), list[Fitted]()
@@ -133,6 +134,8 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
         forms = _in_other_forms(found)
     if rows.machine.n_p <= _ALIKE or above_noise:
         forms += _other_angles(found)
+    told = {one for one in found.choice if found.search.explained(found.choice, one) > hidden}
+    instead, forms = ([each for each in some if told.intersection(each[0])] for some in (instead, forms))
     few, of_sum = (_by_few_rows(rows, found, given), _left_of_sum(found, found)) if instead or forms else (found, 0.0)
     for dropped, one in (*instead, *forms):
         if few is not found and (worse := _clearly_worse(few, dropped, one, given)) > 0.0:

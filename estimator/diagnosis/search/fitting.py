@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Vector
+from estimator.diagnosis.angle.angle_rounding import hidden_energy
 from estimator.diagnosis.likelihood.cleaning import Clean, Following, cleaned, raw
 from estimator.diagnosis.likelihood.columns import BENDS, VoltageSlopes, regression
 from estimator.diagnosis.likelihood.evidence import PLACED, Choice, Search
@@ -40,7 +41,8 @@ _NEAR_IT: Final = 0.5  # of what a model leaves: less, and it is another one
 _SAME_FIT: Final = 0.1  # standard errors: a step that does not matter
 _NEARLY_THERE: Final = 2.0  # the same where it leads to the end
 _FIT_HALVINGS: Final = 3
-_LED_ASTRAY: Final = 2.5  # the energy left a period, where noise leaves 2
+_OF_NOISE: Final = 2.0  # energy that noise leaves, a period, and
+_MUCH: Final = 0.5  # more than that: steps may have led astray
 _WORTH_TRYING: Final = 0.5  # of what the likeliest effect explains where equations are lines, that others have to
 _HOPELESS: Final = 2.0  # times what noise leaves, from which on a step that leads nowhere is the last
 _OF_HALF: Final = 0.75  # of what a line promises, at half of the way: who brings it is not past a bend
@@ -90,14 +92,22 @@ def fitted(
     for n, part in enumerate(parts):
         on = _from(progress, n * share, share)
         found = _fitted_from(part, model, model is not first, given, on, library)
-        if model is first and found.own.regression.left > _LED_ASTRAY and (one := by_one(part, given)) is not None:
-            found = min(found, _fitted_from(part, one.model, True, given, on, library), key=_left)
+        if model is first and _leaves_much(found) and (one := by_one(part, given)) is not None:
+            other = _fitted_from(part, one.model, True, given, on, library)
+            if _energy_left(part, other.smooth, other.model, found.own) < _left(found):  # by the same noise
+                found = other
         model = first if _left(found) > 2.0 * _HOPELESS else found.model
     return _fitted_from(whole, model, model is not first, given, _from(progress, 1.0 - share, share), library)
 
 
 def _left(found: Fitted) -> float:
     return found.own.regression.left
+
+
+def _leaves_much(found: Fitted) -> bool:
+    """More than noise by far, be it an encoder's rounding besides."""
+    rounded = hidden_energy(found.rows) / (found.noise[0] * found.noise[1] * len(found.rows))
+    return _left(found) > _OF_NOISE + max(_MUCH, rounded)
 
 
 def by_one(part: Rows, given: Given) -> Fitted | None:

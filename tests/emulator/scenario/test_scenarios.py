@@ -69,6 +69,8 @@ def test_a_file_gives_a_scenario_and_what_it_leaves_out_suits_the_motor(tmp_path
         (MOTOR + '[run]\nshaft = "loose"', "x.toml: run.shaft takes dynamometer or free, got 'loose'"),
         (MOTOR + "[run]\nshaft = 1", "x.toml: run.shaft takes a text, got 1"),
         (MOTOR + "[run]\nspeed_control = 1", "x.toml: run.speed_control takes true or false, got 1"),
+        (MOTOR + "[effects.hall]\nrate = 2\n[effects.angle_signal]\ngain = 0.1",
+         "x.toml: expected one way of the angle, effects.hall or effects.angle_signal, got both"),
         (MOTOR + "[run]\nspeed_control = true", "x.toml: run.speed_control takes a free shaft, got shaft 'dyn"),
         (MOTOR + "[run]\nseed = -1", "x.toml: run.seed takes at least 0 and at most "),
         (MOTOR + "[excitation]\ni_q_ref = 15\ni_q_step = 6", "x.toml: excitation takes references up to drive.i_max "),

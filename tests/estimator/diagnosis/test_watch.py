@@ -204,3 +204,12 @@ def test_a_rounded_angle_errs_the_flux_by_magnets_and_saliency() -> None:
     assert variance(2e-3, 2e-3)[0] == 0.0
     d, q = variance(1e-3, 5e-3)
     assert d / q == pytest.approx((4e-3 * 3.0) ** 2 / (0.1 - 4e-3 * 2.0) ** 2)
+
+
+def test_the_q_axis_alone_is_judged_by_its_own_rows() -> None:
+    """Voltages in steps, and no rows of the d axis whose noise they could be held against."""
+    (both,) = windows(PAPER, 1, 3000)
+    samples = replace(both, i_d=np.zeros_like(both.i_d), u_d=np.zeros_like(both.u_d), q_only=True)
+    assert samples.resolution.u > 0.0
+    left = mismatch_of([samples], estimates_of(samples))
+    assert left is not None and math.isfinite(left.rms_V)

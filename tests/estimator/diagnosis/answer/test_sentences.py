@@ -120,12 +120,15 @@ def test_a_scale_that_would_not_show_is_said(verdict: Verdict) -> None:
     assert "all voltages" not in text  # closely known
 
 
-@pytest.mark.parametrize(("after", "left"), [
-    (0.104, "leave nothing but noise"),
-    (0.3, "leave little beside the voltage: an error of 300 mV in one step, where noise makes 100 mV"),
+@pytest.mark.parametrize(("after", "noise", "left"), [
+    (0.104, 0.1, "leave nothing but noise"),
+    (0.3, 0.1, "leave little beside the voltage: an error of 300 mV in one step, where noise makes 100 mV"),
+    (0.3, None, "leave an error of 300 mV, of which these rows do not tell how much is noise"),
 ])  # fmt: skip
-def test_what_is_left_of_no_mismatch_is_told_where_it_is_more_than_noise(after: float, left: str) -> None:
+def test_what_is_left_of_no_mismatch_is_told_where_it_is_more_than_noise(
+    after: float, noise: float | None, left: str
+) -> None:
     """What is too small beside the voltage to matter is not nothing."""
-    fit = Fit(True, ErrorChange(after, after, 0.1), ErrorChange(0.01, 0.01), 0.0, ErrorChange(1.0, 1.0))
+    fit = Fit(True, ErrorChange(after, after, noise), ErrorChange(0.01, 0.01), 0.0, ErrorChange(1.0, 1.0))
     said = sentence_of(replace(EXPLAINED, findings=(), verdict=Verdict.NO_MISMATCH, fit=fit))
     assert f"the machine's equations with fitted parameters {left}" in said
