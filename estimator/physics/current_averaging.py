@@ -141,6 +141,11 @@ def beyond_ends(rows: Rows) -> Vector:
     return rows.i_mean - 0.5 * (rows.half * rows.i[1:] + rows.half.conj() * rows.i[:-1])
 
 
+def misses_more(sizes: Sizes) -> float:
+    """All of the currents come through one way: a share that is off one says how unlike the real one this form is."""
+    return (sizes[0] - 1.0) ** 2
+
+
 def slope(rows: Rows, v: Vector) -> Vector:
     """How fast a voltage (V of each period, rotor frame) lets the current change, A/s."""
     m = rows.machine
@@ -164,5 +169,6 @@ EFFECT = AddedVoltage(
         lambda p: 1 if _FORMS[round(p[1])].periods else len(_FORMS[round(p[1])].weights),
     ),
     told=lambda rows, p: {"lag": (p[0] * _FORMS[round(p[1])].lag * rows.T_s, "s")},
-    discrepancy=3e-6,
+    discrepancy=2e-5,
+    misses_more=misses_more,
 )

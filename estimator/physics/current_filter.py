@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator.arrays import Array, Bools, Vector
 from estimator.kernel import kernel
-from estimator.physics.current_averaging import beyond_ends, driven, slope
+from estimator.physics.current_averaging import beyond_ends, driven, misses_more, slope
 from estimator.physics.effect import AddedVoltage, Parameter, Sizes, Smoothing, constant, periods
 from estimator.physics.rows import Rows
 from estimator.physics.vectors import AXES
@@ -156,4 +156,5 @@ EFFECT = AddedVoltage(
     told=lambda _rows, p: {"tau": (p[0] * p[1], "s")},
     other_form_of="current_averaging",
     discrepancy=3e-5,
+    misses_more=misses_more,
 )

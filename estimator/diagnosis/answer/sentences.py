@@ -81,7 +81,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
 
 
 def _beyond_noise(fit: Fit | None) -> str:
-    """What is left where nothing is amiss, if it is more than noise, or may be: too little for the voltage to matter."""
+    """What is left where nothing is amiss, if it is more than noise, or may be: too little of the voltage to matter."""
     error = None if fit is None else fit.one_step_rms_V
     if error is None or math.isnan(error.after):
         return ""

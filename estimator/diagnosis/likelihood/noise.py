@@ -19,6 +19,9 @@ Noise = tuple[float, float, float]
 """White noise of the whitened residual: Vs on d, Vs on q, A of the three phase currents' mean."""
 _TRIMMED: Final = 3  # times, that what is beyond 4 standard deviations is left out of noise
 _VARIANCE_WITHIN: Final = 0.99887  # of a normal variance, within these
+_COLOURED: Final = 1.05  # times the variance between neighbours: more is no white noise
+_BEYOND_NOISE: Final = (6, 8, 11, 15)  # periods, that no noise of sensors and their filters lasts
+_EVEN: Final = 1.03  # times the least of variances, that they are alike within
 _FORGOTTEN: Final = 0.01  # a period, of a flux error
 _LEAST_NOISE: Final = 1e-6  # of rated current, that the noise of a current is taken for
 
@@ -90,10 +93,17 @@ def white_of(x: Array, rows: Rows, samples: int = 1) -> float:
     """White noise of what has a value for each period, rms, from what changes between neighbours.
 
     What changes in two periods is more by as much of the noise as each further sample of a mean brings: the more that
-    are in a mean, the more neighbours share.
+    are in a mean, the more neighbours share. Noise that is coloured besides is alike beyond its few periods, as nothing
+    is that a motor does.
     """
-    once = _changed(x, rows, 1)
-    return once if samples == 1 else math.sqrt(once**2 + (samples - 1) * max(_changed(x, rows, 2) ** 2 - once**2, 0.0))
+    once, twice = (_changed(x, rows, k) ** 2 for k in (1, 2))
+    if samples > 1:
+        return math.sqrt(once + (samples - 1) * max(twice - once, 0.0))
+    if twice > _COLOURED * once:
+        beyond = [_changed(x, rows, k) ** 2 for k in _BEYOND_NOISE]
+        if max(beyond) < _EVEN * min(beyond) and min(beyond) > _COLOURED * once:
+            return math.sqrt(sum(beyond) / len(beyond))
+    return math.sqrt(once)
 
 
 def _changed(x: Array, rows: Rows, periods: int) -> float:

@@ -119,7 +119,7 @@ class Exchanged(NamedTuple):
 
 def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
     """The fit, or one that leaves less with no more effects, or as much with fewer: others may show where one stands in
-    for several.
+    for several. What a freer form of a cause hid comes to light beside a simpler one, and has to bring its due.
 
     What explains no more than rounding of the angle may leave stands for nothing, and nothing is tried in its place. Of
     two effects that bend and look like the machine's parameters, what rounding of the angle may leave and equations
@@ -159,7 +159,7 @@ def replaced_by_one(rows: Rows, found: Fitted, given: Given) -> Exchanged:
             continue
         other = min(fitted(rows, given, begin=begin.model), begin, key=excess_of)
         fewer = len(found.choice) - len(other.choice)
-        if fewer >= 0 and excess_of(other) < here + due + 2.0 * ENTRY_LOG_ODDS * fewer:
+        if (fewer >= 0 or due) and excess_of(other) < here + due + 2.0 * ENTRY_LOG_ODDS * fewer:
             return Exchanged(other, {})
     return Exchanged(min(as_told, key=excess_of), {}) if as_told else Exchanged(found, at_best)
 

@@ -128,7 +128,9 @@ def _said(names: Sequence[str], diagnoses: Sequence[Diagnosis], fits: Mapping[st
         *(each for one in findings for each in of_effect(one, names)),
     ]
     outside = [f"{name}: {said}" for name, one in fits.items() for said in one.outside.values()]
-    astray = bool(outside) or any(each.kind is Kind.CONSTANT for each in differences)
+    settled = (Verdict.EXPLAINED, Verdict.NO_MISMATCH, Verdict.NOT_ENOUGH_EXCITATION)
+    ill = [name for name, one in zip(names, diagnoses, strict=True) if name in silent and one.verdict not in settled]
+    astray = bool(outside or ill) or any(each.kind is Kind.CONSTANT for each in differences)
     remarks = [f"{name} has no part in the numbers: it tells the machine too poorly" for name in silent]
     remarks += [f"{name}: {remark}" for name, one in zip(names, diagnoses, strict=True) for remark in one.remarks]
     said = Together(
@@ -136,7 +138,7 @@ def _said(names: Sequence[str], diagnoses: Sequence[Diagnosis], fits: Mapping[st
         tuple(differences), tuple(doubts), tuple(dict.fromkeys((*remarks, *outside))), tuple(diagnoses),
     )
     left = {name: one.left for name, one in fits.items() if one.left is not None}
-    return replace(said, sentence=_sentence_of(said, decisions, left))
+    return replace(said, sentence=_sentence_of(said, decisions, left, silent))
 
 
 def _settled(doubts: Sequence[Ambiguity], fits: Sequence[Refitted]) -> tuple[dict[str, Sizes], list[Decision]]:
@@ -226,7 +228,7 @@ def _verdict(
     findings: Sequence[SharedFinding], doubts: Sequence[Ambiguity], machine: Mapping[str, Shared],
     fits: Mapping[str, Refitted], *, astray: bool,
 ) -> Verdict:  # fmt: skip
-    """`astray`: a machine beyond its tolerance, or whose constants differ."""
+    """`astray`: a machine beyond its tolerance, or whose constants differ; an ill recording that has no part."""
     if not fits:
         return Verdict.NOT_ENOUGH_EXCITATION
     given = next(iter(fits.values())).given
@@ -240,7 +242,9 @@ def _verdict(
     return verdict_of(findings, doubts, left, untold)
 
 
-def _sentence_of(said: Together, decisions: Sequence[Decision], left: Mapping[str, Unexplained]) -> str:
+def _sentence_of(
+    said: Together, decisions: Sequence[Decision], left: Mapping[str, Unexplained], silent: Sequence[str]
+) -> str:
     parts: list[str] = []
     for one in said.findings:
         if one.effect == convention_error.NAME:
@@ -264,7 +268,11 @@ def _sentence_of(said: Together, decisions: Sequence[Decision], left: Mapping[st
     parts += [f"in {name} something has no name in the library: {one.description}" for name, one in left.items()]
     alike = {name: number.joint for name, number in said.machine.items() if number.alike}
     told = [f"{name} = {_told(size)}" for name, size in alike.items() if size.value is not None]
-    parts.append(f"of {len(said.recordings)} recordings as one: {', '.join(told)}" if told else "")
+    if silent:
+        parts.append(f"{listed(silent)} tells the machine too poorly to have a part in the numbers")
+    taking_part = [name for name in said.recordings if name not in silent]
+    whose = f"{len(taking_part)} recordings as one" if len(taking_part) > 1 else f"{''.join(taking_part)} alone"
+    parts.append(f"of {whose}: {', '.join(told)}" if told else "")
     return ". ".join(sentence_start(part) for part in parts if part) + "."
 
 

@@ -1,13 +1,17 @@
 """How a search gets to what is there, from equations that are lines to begin with."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from emulator.conceal.recording import Choice
+from emulator.conceal.recording import Choice, drawn, recorded
+from emulator.plant.physics.current_filter import CurrentFilter
 from emulator.scenario.motors import MOTORS
+from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.search.fitting import fitted
-from tests.estimator.diagnosis.concealed_runs import population, rows_of
+from estimator.diagnosis.verdict import Verdict
+from tests.estimator.diagnosis.concealed_runs import population, rows_of, written
 
 
 @pytest.mark.slow
@@ -39,3 +43,21 @@ def test_a_mean_of_currents_is_found_in_its_form(number: int, form: int, tmp_pat
     effects = fitted(*rows_of(CHAINED, number, tmp_path)).model.effects
     assert set(effects) - {"angle_latency"} == {"current_averaging"}
     assert effects["current_averaging"] == pytest.approx((1.0, form), rel=0.005)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", [CurrentFilter(tau=7e-5, periods=2), CurrentFilter(periods=2, samples=3)])
+def test_a_way_of_the_currents_that_has_no_form_lends_to_no_other_name(way: CurrentFilter, tmp_path: Path) -> None:
+    """A filter before a mean, a mean of means: what such a form stands in for is off by as much as its share is."""
+    choice = Choice(1200, ("none",), (0.0, 1.0), ("servo_4nm",), 4.0)
+    healthy, _ = drawn(choice, 1)
+    scenario = healthy.scenario
+    scenario = replace(scenario, effects=scenario.effects._replace(current_filter=way))
+    there = replace(healthy, scenario=scenario)
+    _, runs, nominal = written(there, recorded(scenario, healthy.periods), choice, tmp_path)
+    said = diagnose(runs, nominal)
+    assert {one.effect for one in said.findings} <= {"current_averaging", "current_filter"}
+    assert said.verdict is Verdict.AMBIGUOUS
+    for name in ("R_s", "L_d", "L_q", "psi_f"):
+        size = said.machine_after[name]
+        assert abs((size.value or 0.0) - getattr(scenario.motor, name)) < 3.0 * (size.std or 0.0)

@@ -6,6 +6,7 @@ from functools import cache
 import pytest
 
 from emulator.drive.virtual_drive import VirtualDrive
+from emulator.plant.machine import Machine as Plant
 from emulator.plant.physics.angle_signal import AngleSignal
 from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE, Effects
@@ -27,11 +28,11 @@ ROWS = 12_000
 @cache
 def of_drive(
     effects: Effects = NONE, warmer: float = 0.0, rpm: float = 1200.0, swing: float = 600.0, step: float = 1.5,
-    seed: int = 1,
+    seed: int = 1, of: Plant = MOTOR,
 ) -> Samples:  # fmt: skip
     """A recording of the drive; `warmer`: share by which R_s is higher, four times that by which psi_f is lower."""
-    motor = MOTOR._replace(R_s=MOTOR.R_s * (1.0 + warmer), psi_f=MOTOR.psi_f * (1.0 - 0.25 * warmer))
-    drive = drive_for(MOTOR, noise_i=0.02, bridge="switched", encoder_counts=0)
+    motor = of._replace(R_s=of.R_s * (1.0 + warmer), psi_f=of.psi_f * (1.0 - 0.25 * warmer))
+    drive = drive_for(of, noise_i=0.02, bridge="switched", encoder_counts=0)
     run = Run(speed_rpm=rpm, swing_rpm=swing, seed=seed)
     around = Excitation(i_q_ref=3.0, i_d_step=step, i_q_step=step)
     emulated = VirtualDrive(Scenario("one of several", motor, drive, run, around, effects))
@@ -41,6 +42,9 @@ def of_drive(
         r["theta_e"], r["omega_e"], r["i_d"], r["i_q"], r["u_d"], r["u_q"], emulated.T_s, u_dc=r["u_dc"],
         i_a=r["i_a"], i_b=r["i_b"], i_c=r["i_c"],
     )  # fmt: skip
+
+
+OTHER = MOTOR._replace(R_s=0.5, L_d=1e-3, L_q=1e-3, psi_f=0.02)  # another motor
 
 
 def together(**samples: Samples) -> Together:
@@ -66,6 +70,13 @@ def test_states_differ_and_constants_are_one() -> None:
         joint = said.machine[name].joint
         assert said.machine[name].alike
         assert joint.value == pytest.approx(getattr(MOTOR, name), abs=3.0 * (joint.std or 0.0))
+
+
+@pytest.mark.thorough
+def test_a_recording_of_another_motor_is_no_recording_of_this_one() -> None:
+    said = together(this=of_drive(), other=of_drive(of=OTHER, seed=2))
+    assert said.verdict not in (Verdict.NO_MISMATCH, Verdict.EXPLAINED)
+    assert "f 2 recordings as one" not in said.sentence or "differ" in said.sentence
 
 
 @pytest.mark.thorough
