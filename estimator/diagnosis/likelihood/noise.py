@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimator.arrays import Array, Bools, Vector
+from estimator.arrays import Array, Vector
 from estimator.diagnosis.likelihood.whitening import Axes, Whitening, whiten, whitening_of
 from estimator.machine import Machine
 from estimator.physics.flux_map import Bend
@@ -108,7 +108,7 @@ def white_of(x: Array, rows: Rows, samples: int = 1) -> float:
 
 def _changed(x: Array, rows: Rows, periods: int) -> float:
     """Noise of values, rms, that changes by as much in so many periods."""
-    both: Bools = np.lib.stride_tricks.sliding_window_view(rows.joined, periods + 1).all(axis=1)
+    both = np.logical_and.reduce(np.lib.stride_tricks.sliding_window_view(rows.joined, periods + 1), axis=1)
     step = (x[periods:] - x[:-periods])[both[: len(x) - periods]]
     rms = float(np.median(np.abs(step))) / 0.6744898
     for _ in range(_TRIMMED):  # closer than a median, and as little moved by what jumps
