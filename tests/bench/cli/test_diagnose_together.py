@@ -241,3 +241,13 @@ def test_two_recordings_of_the_emulated_drive_are_one_diagnosis(
         check=False,
     )
     assert "with inverter voltage error" in simulated.stdout
+
+
+def test_a_copy_of_a_recording_is_no_second_one(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a.csv", "copy.csv"):
+        (folder / name).write_text("t,i_d\n0,1\n", encoding="utf-8")
+    assert together("a.csv", "copy.csv", monkeypatch=monkeypatch) == 2
+    said = capsys.readouterr().err
+    assert said == "pmsm-bench: --together: copy.csv has all bytes of a.csv: expected each recording once\n"

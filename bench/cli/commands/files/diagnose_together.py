@@ -1,8 +1,10 @@
 """`pmsm-bench diagnose --together`: recordings of one machine to one diagnosis; what it says, and files of it."""
 
 import contextlib
+import filecmp
 import os
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +82,10 @@ def _check(files: Sequence[Path], options: Options) -> None:
         if (path := os.path.realpath(file)) in there:
             raise ConfigError(f"--together: {file}: expected each recording once")
         there.add(path)
+    for one, other in combinations(files, 2):
+        with contextlib.suppress(OSError):  # what cannot be read is told where it is read
+            if filecmp.cmp(one, other, shallow=False):
+                raise ConfigError(f"--together: {other} has all bytes of {one}: expected each recording once")
 
 
 def _machine(nominal: Path | None) -> tuple[Path, Nominal]:
