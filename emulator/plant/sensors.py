@@ -67,7 +67,7 @@ def sampled(
     if slope != 0j:
         by_a, by_b, by_c = phases(slope)
         i_a, i_b, i_c = i_a + channels.skew_a * by_a, i_b + channels.skew_b * by_b, i_c + channels.skew_c * by_c
-    by_a, by_b, by_c = of_shunt(phases(u))
+    by_a, by_b, by_c = of_shunt(phases(u)) if sensors.channels == 1 else (0.0, 0.0, 0.0)
     if sensors.channels == 1:
         i_a, i_b, i_c = (
             channels.gain_a * i_a + by_a * channels.offset_a, channels.gain_a * i_b + by_b * channels.offset_a,

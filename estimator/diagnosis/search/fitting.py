@@ -96,7 +96,7 @@ def fitted(
             other = _fitted_from(part, one.model, True, given, on, library)
             if _energy_left(part, other.smooth, other.model, found.own) < _left(found):  # by the same noise
                 found = other
-        model = first if _left(found) > 2.0 * _HOPELESS else found.model
+        model = first if _left(found) > _OF_NOISE * _HOPELESS else found.model
     return _fitted_from(whole, model, model is not first, given, _from(progress, 1.0 - share, share), library)
 
 
@@ -348,7 +348,7 @@ def _polished(rows: Rows, clean: Clean, model: Model, given: Given, times: int =
             slopes.clear()
             response = None if clean.response is None else clean.response(model)
         own = _search(rows, clean, model, given, (), slopes, response)
-        if own.regression.left > max(before, 2.0 * _HOPELESS) and not _bends_model(model):  # of both axes
+        if own.regression.left > max(before, _OF_NOISE * _HOPELESS) and not _bends_model(model):  # of both axes
             return model, clean, settled
         before = own.regression.left
         towards = moved(own, _present(model))

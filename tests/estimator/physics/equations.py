@@ -43,8 +43,6 @@ _UPPER_HALF = 0.5, 1.0  # of a class's range of sizes
 _CLASSES = sorted(set(EFFECT) - {"dc_link_gain"} - set(BESIDE))  # the first no machine tells from its own parameters
 _SLOW = ("winding_heat", "magnet_heat", "demagnetisation", "winding_warmed", "magnets_warmed")
 """Those whose course is that of the recording's length."""
-_CONSTANT: dict[str, tuple[str, ...]] = dict.fromkeys(("angle_signals", "signal_harmonics"), ("angle_offset",))
-"""What a class has besides, by the second order of its sizes."""
 
 
 class Left(NamedTuple):
@@ -115,7 +113,7 @@ def _missed(case: tuple[str, str]) -> tuple[float, float]:
     kind, motor = case
     scenario = with_effect(kind, motor, SECONDS) if kind in _SLOW else with_effect(kind, motor)
     effect, rows = BY_NAME[EFFECT[kind]], rows_without_noise(scenario)
-    found = fitted_to(rows, [effect.name, *_CONSTANT.get(kind, ())], _STARTS)
+    found = fitted_to(rows, [effect.name], _STARTS)
     return found.missed, effect.missed([found.model.effects[effect.name][k] for k in effect.sizes])
 
 

@@ -13,7 +13,7 @@ CHOICE = Choice(1200, ("none",), (0.0, 1.0), ("servo_4nm",), 2.0)
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 4])
-def test_noise_of_means_of_samples_is_told_by_values_that_share_none(samples: int, tmp_path: Path) -> None:
+def test_noise_of_means_of_samples_is_as_large_as_theirs(samples: int, tmp_path: Path) -> None:
     rows, _ = rows_of(CHOICE, 1, tmp_path)
     white = np.random.default_rng(1).normal(0.0, 1.0, len(rows) + samples - 1)
     mean = np.convolve(white, np.full(samples, 1.0 / samples), "valid")

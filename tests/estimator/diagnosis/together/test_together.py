@@ -72,7 +72,7 @@ def test_states_differ_and_constants_are_one() -> None:
         assert joint.value == pytest.approx(getattr(MOTOR, name), abs=3.0 * (joint.std or 0.0))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_recording_of_another_motor_is_no_recording_of_this_one() -> None:
     said = together(this=of_drive(), other=of_drive(of=OTHER, seed=2))
     assert said.verdict not in (Verdict.NO_MISMATCH, Verdict.EXPLAINED)
