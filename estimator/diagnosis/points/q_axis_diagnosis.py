@@ -45,7 +45,9 @@ from estimator.diagnosis.verdict import (
     Verdict,
     verdict_of,
 )
+from estimator.diagnosis.watch import mismatch_of, place_in_window
 from estimator.diagnosis.words import continued, listed, number
+from estimator.online import window_ls
 from estimator.online.fit import I_D
 from estimator.physics.library import BY_NAME
 from estimator.samples import Samples
@@ -67,9 +69,9 @@ def diagnose_q_log(
 ) -> Diagnosis:
     """Diagnose a recording's runs. Unless it is aligned already, its voltage may be that of another instant."""
     if aligned_already or sum(len(run) - 8 for run in runs if len(run) > 8) < FEWEST_POINTS:
-        return diagnose_q_axis(q_axis_of(runs), witnesses=witnesses)
+        return _by_each_row(runs, diagnose_q_axis(q_axis_of(runs), witnesses=witnesses))
     best = aligned(runs)
-    diagnosis = diagnose_q_axis(best.q, moved=best.moved, witnesses=witnesses)
+    diagnosis = _by_each_row(runs, diagnose_q_axis(best.q, moved=best.moved, witnesses=witnesses))
     if best.shift:
         way = "later" if best.shift > 0.0 else "earlier"
         said = (
@@ -88,6 +90,22 @@ def diagnose_q_log(
         doubt = Ambiguity((*dict.fromkeys(named), "voltage_delay"), reason, Experiment(_INSTEAD))
         return _said(replace(diagnosis, verdict=Verdict.AMBIGUOUS, findings=(), ambiguous=(doubt,)))
     return diagnosis
+
+
+def _by_each_row(runs: Sequence[Samples], diagnosis: Diagnosis) -> Diagnosis:
+    """The diagnosis, or what is left of the rows without a name: means over them do not tell how much is noise."""
+    if diagnosis.verdict is not Verdict.NO_MISMATCH:
+        return diagnosis
+    state = window_ls.init(sum(map(len, runs)))
+    for run in runs:
+        state = window_ls.update(state, run, joined=False)
+    estimates = window_ls.estimate(state).estimates
+    left = mismatch_of(runs, estimates)
+    if left is None or not left.mismatch:
+        return diagnosis
+    where = place_in_window(left)
+    told = Unexplained(left.rms_V, where, f"a voltage of {quantity(left.rms_V, 'V')} above noise, {where.sentence}")
+    return _said(replace(diagnosis, verdict=Verdict.UNEXPLAINED, unexplained=told))
 
 
 def diagnose_q_points(

@@ -87,12 +87,13 @@ def fitted(
     or what is given, and anew where what some rows found leaves far more than noise.
     """
     *parts, whole = in_parts(rows)
-    first = begin or Model(given.machine)
+    first, anew = begin or Model(given.machine), begin is None and library is LIBRARY
     model, share = first, 1.0 / (len(parts) + 1)
     for n, part in enumerate(parts):
         on = _from(progress, n * share, share)
         found = _fitted_from(part, model, model is not first, given, on, library)
-        if model is first and _leaves_much(found) and (one := by_one(part, given)) is not None:
+        one = by_one(part, given) if anew and model is first and _leaves_much(found) else None
+        if one is not None:
             other = _fitted_from(part, one.model, True, given, on, library)
             if _energy_left(part, other.smooth, other.model, found.own) < _left(found):  # by the same noise
                 found = other

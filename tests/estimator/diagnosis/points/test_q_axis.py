@@ -96,6 +96,12 @@ def test_an_inverters_error_at_one_sign_of_the_current_leaves_the_resistance_wid
     assert abs((R_s.value or 0.0) - TRUTH["R_s"]) < 3.0 * (R_s.std or 0.0)
 
 
+def test_a_current_of_the_other_axis_that_was_not_recorded_is_no_noise() -> None:
+    found = diagnose_q_log([recorded(PAPER_RUN, 20_000)])
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert "V above noise" in found.sentence
+
+
 def test_too_few_rows_are_no_verdict() -> None:
     run = recorded(STEPS, 20_000)
     for rows in (5, 15):
