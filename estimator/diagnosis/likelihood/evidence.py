@@ -287,7 +287,8 @@ class Search:
     def form_covariance(self, choice: Choice) -> Array:
         """Of a set's coefficients, by what equations miss: each size may be off by as much as its effect's equation.
 
-        Whatever else trades with that size is off with it.
+        Whatever else trades with that size is off with it. Where an effect has several, what its equation misses may
+        lie anyhow among them: of sizes that look alike the sum is told, and not each.
         """
         fit, covariance = self.fit(choice), self.free_covariance(choice)
         total = np.zeros_like(covariance)
@@ -297,6 +298,12 @@ class Search:
                 off = FORM * math.sqrt(self.missed(choice, (column.owner, column.seed))) * float(fit.value[n])
                 along = covariance[:, n] * (off / covariance[n, n])
                 total += np.outer(along, along)
+        for one in choice:
+            sizes = self.sizes_of(one)
+            if len(sizes) > 1:
+                own = [fit.places.index(j) for j in sizes]
+                each = self.missed(choice, one) * max(self.explained(choice, one), 0.0) / len(own)
+                total[np.ix_(own, own)] += FORM**2 * each * covariance[np.ix_(own, own)]
         return total
 
     def explained(self, choice: Choice, one: tuple[str, int]) -> float:
