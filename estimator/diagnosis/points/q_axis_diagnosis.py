@@ -69,7 +69,7 @@ def diagnose_q_log(
 ) -> Diagnosis:
     """Diagnose a recording's runs. Unless it is aligned already, its voltage may be that of another instant."""
     if aligned_already or sum(len(run) - 8 for run in runs if len(run) > 8) < FEWEST_POINTS:
-        return _by_each_row(runs, diagnose_q_axis(q_axis_of(runs), witnesses=witnesses))
+        return diagnose_q_axis(q_axis_of(runs), witnesses=witnesses)
     best = aligned(runs)
     diagnosis = _by_each_row(runs, diagnose_q_axis(best.q, moved=best.moved, witnesses=witnesses))
     if best.shift:
@@ -93,14 +93,16 @@ def diagnose_q_log(
 
 
 def _by_each_row(runs: Sequence[Samples], diagnosis: Diagnosis) -> Diagnosis:
-    """The diagnosis, or what is left of the rows without a name: means over them do not tell how much is noise."""
+    """The diagnosis, or what is left of the rows without a name: means over them do not tell how much is noise.
+
+    Not of voltages that were moved to their rows: values of an instant leave what changes within a row.
+    """
     if diagnosis.verdict is not Verdict.NO_MISMATCH:
         return diagnosis
     state = window_ls.init(sum(map(len, runs)))
     for run in runs:
         state = window_ls.update(state, run, joined=False)
-    estimates = window_ls.estimate(state).estimates
-    left = mismatch_of(runs, estimates)
+    left = mismatch_of(runs, window_ls.estimate(state).estimates)
     if left is None or not left.mismatch:
         return diagnosis
     where = place_in_window(left)
