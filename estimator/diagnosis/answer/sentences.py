@@ -35,8 +35,7 @@ def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
     fit, said = diagnosis.fit, list[str]()
     if diagnosis.findings:
-        parts = [_finding_in_words(finding, cause, diagnosis.findings) for finding in diagnosis.findings]
-        said.append("; ".join(parts))
+        said += [_finding_in_words(finding, cause, diagnosis.findings) for finding in diagnosis.findings]
         if fit is not None and (loo := fit.leave_one_out) is not None:
             said.append(
                 f"leaving out one {loo.left_out} at a time the error goes from {quantity(loo.before, loo.unit)} to "
@@ -112,23 +111,40 @@ def title_of(name: str) -> str:
 
 def plural(title: str) -> bool:
     """An effect's title is one of several things."""
-    return title.startswith(("harmonics", "offsets", "unequal", "constant voltages"))
+    return title.startswith(("harmonics", "offsets", "unequal", "constant voltages", "errors", "displaced"))
 
 
 def _finding_in_words(finding: Finding, cause: str, findings: Sequence[Finding]) -> str:
-    sizes = ", ".join(_size_in_words(name, q) for name, q in finding.parameters.items() if q.value is not None)
+    sizes = _sizes_in_words(finding)
     hid = ", ".join(_signed(change, UNITS[name]) + f" of {name}" for name, change in finding.absorbed_as.items())
     if finding.effect == convention_error.NAME:
         return f"the recording follows {convention_error.TITLE}: {cause or sizes}"
     title = title_of(finding.effect)
-    text = f"{title} {'were' if plural(title) else 'was'} left out: {sizes}"
+    many = plural(title)
+    text = f"{title} {'were' if many else 'was'} left out: {sizes}"
     if finding.effect == "voltage_delay":
         text += _delayed(finding.parameters)
     if finding.effect == dead_time_compensation.EFFECT.name:
         text += _compensated(finding, findings)
     if hid:
-        text += f"; it hid as {hid}"
-    return f"{text}; it acts {finding.where.sentence}"
+        text += f"; {'they' if many else 'it'} hid as {hid}"
+    return f"{text}; {'they act' if many else 'it acts'} {finding.where.sentence}"
+
+
+def _sizes_in_words(finding: Finding) -> str:
+    """Of several sizes those that differ from zero, and of the others the most that they may be, but for shapes."""
+    sizes = {name: q for name, q in finding.parameters.items() if q.value is not None}
+    told = {name: q for name, q in sizes.items() if abs(q.value or 0.0) > (half_width(q.std) or 0.0)}
+    if not told:
+        return ", ".join(_size_in_words(name, q) for name, q in sizes.items())
+    effect = BY_NAME.get(finding.effect)
+    shapes = {parameter.name for parameter in effect.parameters if parameter.shape} if effect else set[str]()
+    said = [_size_in_words(name, q) for name, q in told.items()]
+    for name, q in sizes.items():
+        if name not in told and name not in shapes and "phase" not in name:
+            most = abs(q.value or 0.0) + (half_width(q.std) or 0.0)
+            said.append(f"{name.replace('_', ' ')} no more than {quantity(most, q.unit)}")
+    return ", ".join(said)
 
 
 def _delayed(told: Mapping[str, Quantity]) -> str:
@@ -170,18 +186,24 @@ def _size_in_words(name: str, told: Quantity) -> str:
 def _detectable_in_words(diagnosis: Diagnosis) -> str:
     limits = {name: diagnosis.detectable[name] for name in _FAMILIAR if math.isfinite(_limit_told(diagnosis, name))}
     unseen = [name for name, limit in limits.items() if limit.unit == "1" and _limit_told(diagnosis, name) >= 1.0]
-    seen = [f"{title_of(name)} from {quantity(limit.value, limit.unit)}"
-            for name, limit in limits.items() if name not in unseen]  # fmt: skip
+    seen = [f"{title_of(name)} {_from(limit)}" for name, limit in limits.items() if name not in unseen]
     parts = [f"it would have shown {', '.join(seen)}"] if seen else []
     if unseen:
         parts.append(f"it would not have shown {' or '.join(map(title_of, unseen))} below 100 %")
     return "; ".join(parts)
 
 
+def _from(limit: Quantity) -> str:
+    """The size from which on; of a conductance, as the resistance that findings tell."""
+    if limit.unit == "S" and limit.value:
+        return f"of {quantity(1.0 / limit.value, 'ohm')} or less"
+    return f"from {quantity(limit.value, limit.unit)}"
+
+
 def _left_open(diagnosis: Diagnosis) -> str:
     """What no recording tells: all voltages or all currents scaled alike, by how much where that is bounded."""
     if not diagnosis.scales:
-        return f"{_GAIN_WORDS}, would not have shown within the nominal values' tolerance"
+        return f"{_GAIN_WORDS}, would not have shown"
     wide = {what: scale for what, scale in diagnosis.scales.items() if scale.most - scale.least > _NEAR_ONE}
     if not wide:
         return ""

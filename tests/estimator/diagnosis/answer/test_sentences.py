@@ -34,6 +34,23 @@ def test_a_size_and_its_interval_are_of_one_kind(name: str, told: Quantity, said
     assert f"left out: {said}; it hid" in sentence_of(with_size(name, told))
 
 
+def test_of_several_sizes_those_that_are_not_told_from_zero_are_bounds_and_their_shapes_left_out() -> None:
+    sizes = {
+        "dead_time": Quantity(2e-6, 3e-8, "s"), "u_drop": Quantity(7e-5, 0.054, "V"),
+        "zero_crossing_width": Quantity(0.0126, 1.4e-4, "A"), "knee": Quantity(0.077, 32.0, "A"),
+    }
+    said = sentence_of(replace(EXPLAINED, findings=(replace(EXPLAINED.findings[0], parameters=sizes),)))
+    whole = "dead time 2.000 ± 0.059 us, zero crossing width 12.60 ± 0.27 mA, u drop no more than 106 mV"
+    assert f"left out: {whole}; it hid" in said
+    harmonics = replace(EXPLAINED.findings[0], effect="angle_sensor_error", parameters={
+        "once": Quantity(0.01, 1e-4, "rad"), "once_phase": Quantity(1.0, 0.01, "rad"),
+        "twice": Quantity(1e-6, 1e-5, "rad"), "twice_phase": Quantity(1.0, 4.0, "rad"),
+    })  # fmt: skip
+    said = sentence_of(replace(EXPLAINED, findings=(harmonics,)))
+    assert said.startswith("Errors of the angle sensor's signals were left out: once 10.00 ± 0.20 mrad, once phase")
+    assert "twice no more than 20.6 urad; they hid" in said
+
+
 def test_a_convention_alone_has_no_before_to_compare_with() -> None:
     text = sentence_of(CONVENTION)
     assert text.startswith("The recording follows a convention that differs from the one expected: ")
@@ -79,7 +96,7 @@ def test_what_is_left_beyond_noise_is_told_of_what_is_explained() -> None:
 def test_a_limit_of_all_there_is_is_none() -> None:
     limits = {"q_axis_saturation": Quantity(6.0, None, "1"), "iron_loss": Quantity(2e-3, None, "S")}
     said = sentence_of(replace(NO_MISMATCH, detectable=limits))
-    assert "shown iron loss from 2 mS; it would not have shown saturation along the q axis below 100 %" in said
+    assert "shown iron loss of 500 ohm or less; it would not have shown saturation along the q axis below 100 %" in said
 
 
 def test_what_an_effect_hid_as_has_prefixes_too() -> None:
