@@ -15,7 +15,7 @@ from estimator.diagnosis.answer.design import experiment
 from estimator.diagnosis.answer.held_out import odd_stretches
 from estimator.diagnosis.answer.judged import Judged, judged
 from estimator.diagnosis.answer.quality import SHORTEST, longest
-from estimator.diagnosis.answer.sentences import sentence_of
+from estimator.diagnosis.answer.sentences import sentence_of, with_contradictions
 from estimator.diagnosis.answer.statement import stated
 from estimator.diagnosis.answer.witnessed import contradicting, taken_in, tolerances
 from estimator.diagnosis.intake.answered import Answered, answer_alone, answered
@@ -84,7 +84,8 @@ def examined(runs: Sequence[Samples], nominal: Machine, *, trust: Mapping[str, f
         against += wrong.values()
         used = {name: one for name, one in used.items() if name not in wrong}
     said = found.diagnosis
-    return found._replace(diagnosis=replace(said, remarks=(*said.remarks, *against, *taken_in(used))))
+    said = with_contradictions(said, against)
+    return found._replace(diagnosis=replace(said, remarks=(*said.remarks, *taken_in(used))))
 
 
 def _examined(

@@ -109,6 +109,12 @@ def test_a_witness_that_contradicts_is_told_and_not_averaged(q_axis: Path) -> No
     assert "joint standard errors and is not used: the recording alone says 119.9" in said
 
 
+def test_a_diagnosis_whose_witness_contradicts_says_so_in_its_sentence(q_axis: Path) -> None:
+    said = diagnose_recording(Request(q_axis, Nominal({}), witnesses={"psi_f": Witness(0.132, 1e-3)})).diagnosis
+    assert re.search(r"\. The witness psi_f = .* contradicts these rows by .* joint standard errors", said.sentence)
+    assert sum("contradicts" in one for one in said.remarks) == 1
+
+
 def test_what_the_recording_does_not_tell_is_the_witnesss(tmp_path: Path) -> None:
     path = tmp_path / "steady.parquet"  # i_d constant: L_d and psi_f are one flux linkage
     held = Excitation(i_d_ref=-2.0, i_q_ref=2.0, i_q_step=2.0)

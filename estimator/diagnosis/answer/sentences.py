@@ -31,6 +31,14 @@ def with_sentence(diagnosis: Diagnosis) -> Diagnosis:
     return replace(diagnosis, sentence=sentence_of(diagnosis))
 
 
+def with_contradictions(diagnosis: Diagnosis, against: Sequence[str]) -> Diagnosis:
+    """The diagnosis, and what contradicts it, clauses: whoever reads its sentence alone has to know."""
+    more = [f"{sentence_start(one)}." for one in against]
+    return replace(
+        diagnosis, remarks=(*diagnosis.remarks, *against), sentence=" ".join((diagnosis.sentence, *more))
+    )
+
+
 def sentence_of(diagnosis: Diagnosis, cause: str = "") -> str:
     """The answer as a bench engineer would say it. `cause`: a convention that was followed, in words."""
     fit, said = diagnosis.fit, list[str]()

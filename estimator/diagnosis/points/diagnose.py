@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, with_interval, with_sentence
+from estimator.diagnosis.answer.sentences import quantity, with_contradictions, with_interval, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge, model
 from estimator.diagnosis.points.fit import PointsFit
@@ -127,7 +127,7 @@ def _diagnosis_of_points(
     if unidentified:
         remarks.append(f"these points do not tell {', '.join(unidentified)}")
         instead = Experiment("record steady points at several speeds with several levels of i_d and of i_q")
-    return with_sentence(Diagnosis(
+    return with_contradictions(with_sentence(Diagnosis(
         verdict_of(findings, doubts, left, unidentified), "", findings, tuple(doubts), left,
         judge.detectable_at_points(search, choice), machine_before, machine_after,
         quality(
@@ -137,7 +137,7 @@ def _diagnosis_of_points(
         ),
         judge.point_candidates(search, choice), tuple(remarks), None, instead,
         _scatter_of_points(search, before, after, coordinates),
-    ))  # fmt: skip
+    )), told.against)  # fmt: skip
 
 
 def _wrong_way(names: Sequence[str], machine: Mapping[str, Quantity], remarks: Sequence[str]) -> Diagnosis:

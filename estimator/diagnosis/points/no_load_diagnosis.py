@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, with_sentence
+from estimator.diagnosis.answer.sentences import quantity, with_contradictions, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge
 from estimator.diagnosis.points.diagnose import no_verdict, quality
@@ -84,13 +84,13 @@ def diagnose_no_load(points: NoLoad, witnesses: Mapping[str, Witness] | None = N
         )
     else:
         verdict = Verdict.NO_MISMATCH
-    return with_sentence(Diagnosis(
+    return with_contradictions(with_sentence(Diagnosis(
         verdict, "", findings, doubts, None, limits, _no_load_machine(points, before), _no_load_machine(points, after),
         quality(search, was, _error_without_load(search, choice), None, "speed within a level of i_d", tried),
         judge.point_candidates(search, choice), tuple(remarks), None, instead,
         tuple(Scatter(name, "u_q", x, _left_out(search, before), _left_out(search, after))
               for name, x in (("i_d, A", points.i_d), ("omega_e, rad/s", points.omega_e))),
-    ))  # fmt: skip
+    )), told.against)  # fmt: skip
 
 
 def _with_speeds(points: NoLoad) -> NoLoad:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Array
-from estimator.diagnosis.answer.sentences import quantity, title_of, with_sentence
+from estimator.diagnosis.answer.sentences import quantity, title_of, with_contradictions, with_sentence
 from estimator.diagnosis.likelihood.evidence import ENTRY_LOG_ODDS
 from estimator.diagnosis.points import judge
 from estimator.diagnosis.points.diagnose import no_verdict, quality
@@ -161,7 +161,7 @@ def diagnose_q_axis(
     if unidentified:
         remarks.append(f"these rows do not tell {listed(unidentified)}")
     verdict = verdict_of(findings, doubts, left, unidentified)
-    return _said(Diagnosis(
+    return with_contradictions(_said(Diagnosis(
         verdict, "", findings, tuple(doubts), left, judge.detectable_at_points(search, choice), machine_before,
         machine_after,
         quality(
@@ -171,7 +171,7 @@ def diagnose_q_axis(
         judge.point_candidates(search, choice), tuple(remarks), None,
         Experiment(_INSTEAD) if verdict is Verdict.NOT_ENOUGH_EXCITATION else None,
         _scatters(search, before, after, coordinates),
-    ))  # fmt: skip
+    )), told.against)  # fmt: skip
 
 
 def _said(diagnosis: Diagnosis) -> Diagnosis:

@@ -16,13 +16,14 @@ class Witnessed(NamedTuple):
 
     fit: PointsFit
     remarks: tuple[str, ...]
+    against: tuple[str, ...]  # those that the rows contradict, a clause each
 
 
 def witnessed(fit: PointsFit, witnesses: Mapping[str, Witness], names: Mapping[str, str] | None = None) -> Witnessed:
     """A fit, its doubts in it, with witnesses by parameter. `names`: what the fit calls one, where otherwise."""
     keys = {size.key for size in fit.sizes}
     used: dict[Key, Witness] = {}
-    remarks: list[str] = []
+    remarks, against = list[str](), list[str]()
     for name, one in witnesses.items():
         key, told = (MACHINE, (names or {}).get(name, name)), said_of_witness(name, one)
         if key not in keys:
@@ -31,11 +32,11 @@ def witnessed(fit: PointsFit, witnesses: Mapping[str, Witness], names: Mapping[s
         value, std = fit.value(*key), fit.std(*key)
         alone, apart = f"these rows alone say {quantity(value, UNITS[name], std)}", one.apart(value, std)
         if apart > CONTRADICTS:
-            remarks.append(
+            against.append(
                 f"the witness {told} contradicts these rows by {number(apart)} joint standard errors and is not used: "
                 f"{alone}"
             )
         else:
             used[key] = one
             remarks.append(f"the witness {told} is one more row: {alone}")
-    return Witnessed(fit.witnessed(used), tuple(remarks))
+    return Witnessed(fit.witnessed(used), tuple(remarks), tuple(against))
