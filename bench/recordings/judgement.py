@@ -38,6 +38,7 @@ class Verdict:
     ratio: float | None = None  # its energy over that of noise
     rms_V: float | None = None  # of what stands above noise, V
     least_V: float | None = None  # of that, from which it matters, V
+    ask: str = "pmsm-bench diagnose"  # what tells more
 
     def sentence(self) -> str:
         """In words."""
@@ -49,7 +50,7 @@ class Verdict:
         size = f", {number(self.rms_V)} V rms above noise" if self.rms_V else ""
         return (
             f"the model does not explain the recording{often}, from {self.since:.6g} to {self.until:.6g} s{size}: "
-            f"{self.where}; what is missing: pmsm-bench diagnose"
+            f"{self.where}; what is missing: {self.ask}"
         )
 
 

@@ -101,10 +101,11 @@ class RecordingReader:
 
     def __init__(
         self, path: Path, sources: Sources, parts: Iterator[Part], T_s: float | None, shift: float,
-        noted: "_Noted", u_dc: float | None, told: "_Told", beside: Sequence[str],
+        noted: "_Noted", u_dc: float | None, told: "_Told", beside: Sequence[str], *, skipping: bool = False,
     ) -> None:
         self.path = path
         self._told = told
+        self.T_s_given = T_s is not None
         with _naming(path):
             first = _first_rows(parts)
             periods = _periods(first, sources)
@@ -112,7 +113,7 @@ class RecordingReader:
                 told.times.append(grain.remark())
                 parts = Even(grain).spaced(chain(first, parts))
                 first = _first_rows(parts)
-            self.clock = find_clock(_times_of(first), periods, T_s)
+            self.clock = find_clock(_times_of(first), periods, T_s, skipping=skipping)
         self.sources = used = sources.without(_empty(first)).with_u_dc(u_dc)
         parts = chain(first, parts)
         if sources.frame is not None:
@@ -167,6 +168,7 @@ def open_recording(
     temperatures: bool = False,
     phases: bool = False,
     q_alone: bool = False,
+    skipping: bool = False,
     chunk_rows: int = CHUNK_ROWS,
 ) -> Generator[RecordingReader]:
     """A recording's chunks of about `chunk_rows` rows, in constant memory however long the file.
@@ -176,7 +178,8 @@ def open_recording(
     the module. `theta_step`: resolution of `theta_e` in rad, 0 where it is not known. `u_dc`: V, where the recording
     does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
     currents. `temperatures`, `phases`: whether to have them, or phase currents, beside the samples. `q_alone`: whether
-    the q axis alone is enough, so that u_d, and i_d, need not be there.
+    the q axis alone is enough, so that u_d, and i_d, need not be there. `skipping`: whether rows may be one in several
+    control periods.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
@@ -197,7 +200,9 @@ def open_recording(
             named = numbered(named, constants["T_s"] * constants.get("periods", 1))
         noted = _noted(path, sources, theta_step)
         beside = (*TEMPERATURES, *(PHASES if phases and not optional else ()))
-        yield RecordingReader(path, sources, named, T_s, align.get("u", 0), noted, u_dc, told, beside)
+        yield RecordingReader(
+            path, sources, named, T_s, align.get("u", 0), noted, u_dc, told, beside, skipping=skipping
+        )
 
 
 def _named(part: Part, sources: Sources) -> Part:

@@ -8,16 +8,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from bench.errors import ConfigError
+from bench.errors import ConfigError, RecordingError
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.q_axis import estimate_on_q, window_on_q
+from bench.live.watch import Explained
 from bench.live.window import Window
 from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
 from bench.recordings.runs import Chunk
 from bench.recordings.screen import Screen
+from bench.recordings.skipping import SLOWEST, SkippingRows
 from bench.recordings.sources import NOT_RECORDED, PHASES, TEMPERATURES
 from bench.recordings.turned import Turned
 from estimator.diagnosis.intake.causes import bring_in_order
@@ -64,10 +66,36 @@ def replay(
     """
     if witnesses and window.method != "wls":
         raise ConfigError(f"--witness goes with --method wls, got {window.method}")
+    turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
+    if reader.clock.skips:
+        return _replay_skipping(reader, window, every, on_estimate, on_rows, turned, witnesses or {})
+    instead = None if witnesses else _instead(reader, window)
+    found = _replay_periods(reader, window, every, on_estimate, on_rows, nominal, n_p, witnesses, turned, instead)
+    if instead is None or found.verdict.status is not Explained.NO:
+        return found
+    instead.finish()
+    said = instead.said(window, over=turned.doubt())
+    if said is None or not said.explains:
+        return found
+    return replace(found, result=said.result, verdict=said.verdict, remarks=(*found.remarks, said.remark))
+
+
+def _instead(reader: RecordingReader, window: Window) -> SkippingRows | None:
+    """What takes rows for some that skip control periods, where they may be: of an unknown period, and all together."""
+    unknown = not reader.T_s_given and reader.clock.periods == 1 and reader.clock.step >= SLOWEST
+    together = window.method == "wls" and _rests_on(window) is None and not window.chosen_by_data
+    return SkippingRows(None) if unknown and together else None
+
+
+def _replay_periods(
+    reader: RecordingReader, window: Window, every: int, on_estimate: OnEstimate | None,
+    on_rows: Callable[[int], None] | None, nominal: Mapping[str, float] | None, n_p: int | None,
+    witnesses: Mapping[str, Witness] | None, turned: Turned, instead: SkippingRows | None,
+) -> Replay:  # fmt: skip
+    """Rows of every control period, or means over several. `instead` takes them, too."""
     q_only, i_d = reader.sources.q_only, reader.sources.told["i_d"] != NOT_RECORDED
     window = window_on_q(window, i_d=i_d) if q_only else window
     running, screen = method.start(window), Screen()
-    turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     judgement, rests_on, due, rows = Judgement(window, nominal or {}), _rests_on(window), every, 0
     reports: deque[_Report] = deque()  # that wait until their rows have been judged
     warmth, sensors = _Warmth(rests_on), PhaseSums()
@@ -104,6 +132,8 @@ def replay(
 
     for chunk in reader:
         turned.take(chunk.samples)
+        if instead is not None:
+            instead.take(chunk.samples, joined=chunk.joined)
         warmth.take(chunk)
         _take_phases(sensors, chunk)
         if on_rows is not None:
@@ -125,6 +155,40 @@ def replay(
         *witnessed,
     )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
+
+
+def _replay_skipping(
+    reader: RecordingReader, window: Window, every: int, on_estimate: OnEstimate | None,
+    on_rows: Callable[[int], None] | None, turned: Turned, witnesses: Mapping[str, Witness],
+) -> Replay:  # fmt: skip
+    """Rows that skip control periods, all of them together."""
+    one_in = f"rows that skip control periods, here one in {reader.clock.periods}"
+    if window.method != "wls":
+        raise ConfigError(f"{one_in}: expected --method wls, got {window.method}")
+    if _rests_on(window) is not None or window.chosen_by_data:
+        raise ConfigError(f"{one_in}, are taken all together: expected no --window")
+    if witnesses:
+        raise ConfigError(f"{one_in}: a witness has no part in this, expected none")
+    rows, due, done = SkippingRows(reader.clock.T_s), every, 0
+    warmth = _Warmth(None)
+    for chunk in reader:
+        turned.take(chunk.samples)
+        warmth.take(chunk)
+        if on_rows is not None:
+            on_rows(reader.summary.rows)
+        for piece, joined in _pieces(chunk, due, every):
+            rows.take(piece, joined=joined)
+            due, done = due - len(piece), done + len(piece)
+            if every and due <= 0:
+                due = every
+                if on_estimate is not None and (so_far := rows.said(window)) is not None:
+                    on_estimate(piece.t0 + len(piece) * piece.T, replace(so_far.result, samples=done))
+    rows.finish()
+    said = rows.said(window, over=turned.doubt())
+    if said is None:
+        raise RecordingError(f"{reader.path}: expected rows, came none")
+    remarks = (*reader.summary.remarks(), *turned.remarks(), said.remark)
+    return Replay(reader.summary, window, said.result, said.verdict, remarks, warmth.means())
 
 
 def _take_phases(sensors: PhaseSums, chunk: Chunk) -> None:

@@ -20,6 +20,7 @@ from estimator.samples import Column, Resolution, Samples
 
 PROBE = 10_000  # rows that settle the step between rows
 SHORTEST, LONGEST = 1e-7, 5e-3  # s, that a control period may be
+MOST_SKIPPED = 1000  # control periods from row to row
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Clock:
     step: float  # s, between rows, by the recording's own times
     T_s: float  # s, control period: as given, or step / periods
     periods: int  # control periods per row
+    skips: bool = False  # a row is the values of the first of them, and not means over all
 
 
 @dataclass(slots=True)
@@ -55,8 +57,11 @@ class Chunk:
     beside: Mapping[str, Column] = field(default_factory=dict[str, Column])  # of the same rows, as they are
 
 
-def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
-    """The time base from the first times. Where `T_s` is given and agrees, it is the control period."""
+def find_clock(t: Column, periods: int, T_s: float | None, *, skipping: bool = False) -> Clock:
+    """The time base from the first times. Where `T_s` is given and agrees, it is the control period.
+
+    `skipping`: rows may be one in several control periods.
+    """
     rows = np.flatnonzero(np.abs(t) < LARGEST)
     if len(rows) < 2:
         raise RecordingError(f"expected at least 2 rows with a time, came {len(rows)}")
@@ -72,6 +77,8 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     # The mean of the single steps is finer than the median where the file's times are rounded.
     step = float(f"{np.mean(steps[np.abs(steps / median - 1) <= JITTER]):.9g}")
     T = step / periods
+    if skipping and periods == 1 and T_s is not None and (rows_of := _one_in(T / T_s)):
+        return Clock(step, step / rows_of, rows_of, skips=True)
     if T_s is not None and abs(T - T_s) > DRIFT * T_s:
         raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{_looks_like(step, T, T_s)}")
     if not SHORTEST <= T <= LONGEST:
@@ -90,12 +97,18 @@ def _looks_like(step: float, T: float, T_s: float) -> str:
         guesses.insert(0, "a row number")
     if guesses:
         return f": is t {' or '.join(guesses)}? expected s, or what makes s of it: --map t=COLUMN*{T_s / T:.6g}"
-    if round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < DRIFT:
+    if rows_of := _one_in(ratio):
         return (
-            f": is it one row in {round(ratio)}? A diagnosis needs every control period; for a replay, rows that cover "
-            f"{round(ratio)} periods each need periods = {round(ratio)}"
+            f": is it one row in {rows_of}? A diagnosis needs every control period; for a replay, rows that cover "
+            f"{rows_of} periods each need periods = {rows_of}"
         )
     return ""
+
+
+def _one_in(ratio: float) -> int:
+    """Control periods from row to row, of a step over the control period; 0 where there is one, or no whole number."""
+    whole = round(ratio)
+    return whole if 1 < whole <= MOST_SKIPPED and abs(ratio / whole - 1.0) < DRIFT else 0
 
 
 class RunSplitter:

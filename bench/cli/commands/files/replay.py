@@ -84,7 +84,7 @@ def run(
     with (
         open_recording(
             file, mapping=mapped, constants=held, T_s=machine.T_s, align=aligned, theta_step=machine.theta_step,
-            n_p=machine.n_p, optional=False, temperatures=True, phases=True, q_alone=True,
+            n_p=machine.n_p, optional=False, temperatures=True, phases=True, q_alone=True, skipping=True,
         ) as reader,
         _track(csv_out) as on_estimate,
         bar("rows", reader.rows_expected, MofNCompleteColumn(), TimeRemainingColumn()) as update,
