@@ -203,15 +203,10 @@ def _equations(i: Vector, u: Vector, theta: Array, degree: int, T: float, T_s: f
     """Columns (2, 9, n), by axis, see `_OFFSET`, and instruments (2, 5, n)."""
     ends, after = degree + 1, 0.5 * T_s
     here = _moved(i, 0, ends)
-    slope: Vector = np.zeros_like(here)
-    bend: Vector = np.zeros_like(here)
-    for n, weight in _SLOPES[degree - 1]:
-        slope += weight / T * (_moved(i, n, ends) - _moved(i, -n, ends))
-    for n, weight in _BENDS[degree - 1]:
-        bend += weight / T**2 * (_moved(i, n, ends) + _moved(i, -n, ends))
+    slope, bend = _derivatives(i, degree, T)
+    omega, acceleration = _derivatives(theta.astype(np.complex128), degree, T)
+    omega = omega.real + after * acceleration.real
     far, back = _moved(i, ends, ends), _moved(i, -ends, ends)
-    before, now, then = (_moved(theta, n, ends) for n in (-1, 0, 1))
-    omega = (then - before) / (2.0 * T) + after * (then - 2.0 * now + before) / T**2
     omega_z = (_moved(theta, ends, ends) - _moved(theta, -ends, ends)) / (2.0 * ends * T)
     x = _of_currents(here + after * slope, slope + after * bend, omega, T_s)
     z = _of_currents(0.5 * (far + back), (far - back) / (2.0 * ends * T), omega_z, T_s)
@@ -223,6 +218,18 @@ def _equations(i: Vector, u: Vector, theta: Array, degree: int, T: float, T_s: f
         whole[axis, 6 + axis] = x[axis, 1] + x[axis, 2]
     whole[0, _U], whole[1, _U] = v.real, v.imag
     return whole, z
+
+
+def _derivatives(x: Vector, degree: int, T: float) -> tuple[Vector, Vector]:
+    """Of the polynomials through rows, at each that has enough on either side: the first and the second, per s."""
+    ends = degree + 1
+    first: Vector = np.zeros(len(x) - 2 * ends, np.complex128)
+    second: Vector = np.zeros_like(first)
+    for n, weight in _SLOPES[degree - 1]:
+        first += weight / T * (_moved(x, n, ends) - _moved(x, -n, ends))
+    for n, weight in _BENDS[degree - 1]:
+        second += weight / T**2 * (_moved(x, n, ends) + _moved(x, -n, ends))
+    return first, second
 
 
 def _of_currents(i: Vector, slope: Vector, omega: Array, T_s: float) -> Array:
