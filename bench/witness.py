@@ -32,6 +32,9 @@ Texts = Annotated[
 
 def witnesses_of(items: Sequence[str], where: str = "--witness") -> dict[str, Witness]:
     """Of `NAME=VALUE+-ERROR` each, or several with commas. Raises ConfigError."""
+    for item in items:
+        if not item.strip(" ,"):
+            raise ConfigError(f"{where}: {_EXPECTED}, got {shown(item)}")
     return {name: witness_of(name, text, where) for name, text in by_name(items, where).items()}
 
 
