@@ -12,11 +12,12 @@ from bench.errors import ConfigError
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.q_axis import estimate_on_q, window_on_q
+from bench.live.watch import Explained
 from bench.live.window import Window
 from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
-from bench.recordings.runs import Chunk
+from bench.recordings.runs import Chunk, perhaps_of_instants
 from bench.recordings.screen import Screen
 from bench.recordings.sources import NOT_RECORDED, PHASES, TEMPERATURES
 from bench.recordings.turned import Turned
@@ -122,7 +123,7 @@ def replay(
     remarks = (
         *reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p),
         *_sensor(fault), *(() if fault or turned.doubt() else _convention(result, verdict, nominal or {}, n_p)),
-        *witnessed,
+        *witnessed, *_far_apart(reader, verdict),
     )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
 
@@ -212,6 +213,13 @@ def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
         f"the voltages ask for another speed, with which {math.sqrt(found.left):.2g} of what they leave unexplained is "
         f"left{unit} --map omega_e=COLUMN*{1.0 / found.factor:.6g}",
     )
+
+
+def _far_apart(reader: RecordingReader, verdict: Verdict) -> Sequence[str]:
+    """What rows may be that the equations do not explain, a sentence where they are far apart."""
+    if verdict.status is not Explained.NO or reader.clock.given or reader.sources.q_only:
+        return ()
+    return perhaps_of_instants(reader.clock.step, reader.clock.periods)
 
 
 def _sensor(fault: Fault | None) -> Sequence[str]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,12 @@ from estimator.samples import Column, Resolution, Samples
 
 PROBE = 10_000  # rows that settle the step between rows
 SHORTEST, LONGEST = 1e-7, 5e-3  # s, that a control period may be
+_FAR_APART: Final = 0.5e-3  # s: few drives control as seldom
+OF_INSTANTS: Final = (
+    "of one row in several the rows well after each step of the currents are steady points, which pmsm-bench diagnose "
+    "--format points takes"
+)
+"""What can be done with values of an instant, a clause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +35,7 @@ class Clock:
     step: float  # s, between rows, by the recording's own times
     T_s: float  # s, control period: as given, or step / periods
     periods: int  # control periods per row
+    given: bool = False  # the control period was, and the times agree
 
 
 @dataclass(slots=True)
@@ -79,7 +86,7 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
             f"t steps by {step:g} s, expected {SHORTEST:g} to {LONGEST:g} s a control period: is t in ms, or us? "
             "expected s, or its unit: --map t=COLUMN[us]"
         )
-    return Clock(step, T if T_s is None else T_s, periods)
+    return Clock(step, T if T_s is None else T_s, periods, given=T_s is not None)
 
 
 def _looks_like(step: float, T: float, T_s: float) -> str:
@@ -92,10 +99,20 @@ def _looks_like(step: float, T: float, T_s: float) -> str:
         return f": is t {' or '.join(guesses)}? expected s, or what makes s of it: --map t=COLUMN*{T_s / T:.6g}"
     if round(ratio) > 1 and abs(ratio / round(ratio) - 1.0) < DRIFT:
         return (
-            f": is it one row in {round(ratio)}? A diagnosis needs every control period; for a replay, rows that cover "
-            f"{round(ratio)} periods each need periods = {round(ratio)}"
+            f": is it one row in {round(ratio)}? A diagnosis needs every control period; a replay that, or means over "
+            f"{round(ratio)} each, with i_d_mean, i_q_mean and periods = {round(ratio)}; {OF_INSTANTS}"
         )
     return ""
+
+
+def perhaps_of_instants(step: float, periods: int) -> Sequence[str]:
+    """Of rows that no machine explains, of a control period that nobody gave: a sentence where they are far apart."""
+    if periods > 1 or step < _FAR_APART:
+        return ()
+    return (
+        f"rows are {step * 1e3:.4g} ms apart: is that one row in several control periods? What lies between such rows "
+        f"is not recorded, and neither replay nor diagnose can tell it: record every control period; {OF_INSTANTS}",
+    )
 
 
 class RunSplitter:
