@@ -82,9 +82,10 @@ def find_clock(t: Column, periods: int, T_s: float | None) -> Clock:
     if T_s is not None and abs(T - T_s) > DRIFT * T_s:
         raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{_looks_like(step, T, T_s)}")
     if not SHORTEST <= T <= LONGEST:
+        log = "; a log of steady states is diagnosed by --format points" if T > LONGEST else ""
         raise RecordingError(
             f"t steps by {step:g} s, expected {SHORTEST:g} to {LONGEST:g} s a control period: is t in ms, or us? "
-            "expected s, or its unit: --map t=COLUMN[us]"
+            f"expected s, or its unit: --map t=COLUMN[us]{log}"
         )
     return Clock(step, T if T_s is None else T_s, periods, given=T_s is not None)
 
