@@ -18,7 +18,7 @@ from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole
 from bench.diagnoses.worker import Failed, Progress, Worker
 from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
-from bench.machine_file import Nominal, nominal_of
+from bench.machine_file import Nominal, nominal_of, toml_of
 from bench.recordings.recording import check_every_period, periods_said
 from bench.recordings.table import notes
 from bench.store.closing import notes_of
@@ -29,6 +29,7 @@ WAITING: Final = 10  # diagnoses
 RESULT, FIGURES, REPORT, MACHINE = "result.json", "figures.json", "report.html", "machine.toml"
 """Files of a diagnosis, by name."""
 _TAKEN: Final = ("trust", "nominal", "witness")  # what a body may have
+_FILE: Final = "nominal, a machine file's text"
 _REMEMBERED: Final = 20  # diagnoses that could not be kept on disk, each with its report
 _MADE_WITH: Final = ("pmsm-bench", "numpy", "scipy", "numba")
 
@@ -261,8 +262,10 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         for key in given:
             if key not in _TAKEN:
                 raise LimitError(f"a diagnosis takes trust, nominal and witness, got {shown(key)}")
-        trust, nominal, witness = (_object(given, key) for key in _TAKEN)
         try:
+            text = given.get("nominal")
+            given = {**given, "nominal": toml_of(text, _FILE)} if isinstance(text, str) else given
+            trust, nominal, witness = (_object(given, key) for key in _TAKEN)
             check_every_period(Path(file.stem), _periods(file))
             known = self._nominal(file) if nominal is None else nominal_of(nominal, "nominal")
             check_whole(known)

@@ -32,8 +32,9 @@ class DiagnosisRequestModel(BaseModel):
     }}]})  # fmt: skip
 
     trust: Trust = {}
-    nominal: Tables | None = Field(
-        None, description="tables as in a MACHINE.toml; left out: those of the drive's configuration", examples=[None]
+    nominal: Tables | str | None = Field(
+        None, description="tables as in a MACHINE.toml, or its text; left out: those of the drive's configuration",
+        examples=[None],
     )
     witness: Texts = {}
 

@@ -194,7 +194,9 @@ def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path
         ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0 and at most 10 (1000 %), "
          "such as 0.2 for 20 %, got '20%'"),
         ({"trust": [1]}, "trust: expected an object, got [1]"),
-        ({"nominal": "m.toml"}, "nominal: expected an object, got 'm.toml'"),
+        ({"nominal": ["m.toml"]}, "nominal: expected an object, got ['m.toml']"),
+        ({"nominal": "m.toml"}, "nominal, a machine file's text: not TOML: "),
+        ({"nominal": "[machine]\nR_s = -1\n"}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
         ({"nominal": {"machine": {"R_s": -1}}}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
         ({"nominal": {"motor": {}}}, "nominal: unknown entry 'motor', expected the tables [machine] and [drive]"),
         ({"nominal": {"machine": {}}}, "nominal machine whole, missing in [machine]: R_s, L_d, L_q, psi_f, n_p"),
@@ -238,6 +240,18 @@ def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) ->
     finally:
         jobs.leave()
         jobs.join(10.0)
+
+
+def test_the_nominal_machine_may_be_a_machine_files_text(tmp_path: Path) -> None:
+    recorded(tmp_path, "explained", drive="elsewhere")
+    jobs = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    try:
+        lines = [f"{name} = {value}" for name, value in WHOLE.items()]
+        asked = jobs.ask("explained", {"nominal": "\n".join(["[machine]  # by its plate", *lines])})
+        assert nominal_of(asked.request["nominal"], "") == nominal_of({"machine": WHOLE}, "")
+        assert ended(jobs, "explained") is JobState.DONE
+    finally:
+        over(jobs)
 
 
 def test_witnesses_are_those_asked_for_and_of_others_the_machines(tmp_path: Path) -> None:
