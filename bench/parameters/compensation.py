@@ -98,7 +98,7 @@ def inverter(recorded: Recorded) -> Compensation:
         share = added.value / (dead_time.value + drop.value * T_s / u_dc)
         added = Size(share * dead_time.value, added.std)
         drop = _less(drop, Size(share * drop.value, 0.0))
-    dead_time = _less(dead_time, added) if "dead_time" in told or added.value else Size(0.0)
+    dead_time = _less(dead_time, added)
     if name in recorded.found and "dead_time" not in told and "voltage" not in told:
         recorded.of(name, "dead_time")
     width = max(told.get("zero_crossing_width", Size(0.0)).value, _RIPPLE * recorded.i_rated)
@@ -124,8 +124,10 @@ def inverter(recorded: Recorded) -> Compensation:
 
 
 def _less(one: Size, other: Size) -> Size:
-    stds = [each.std for each in (one, other) if each.value]
-    return Size(one.value - other.value, None if None in stds else math.hypot(*(std or 0.0 for std in stds)))
+    """Of what is told; a size of zero without an error is of nothing."""
+    stds = [each.std for each in (one, other) if each.value or each.std is not None]
+    known = None if not stds or None in stds else math.hypot(*(std or 0.0 for std in stds))
+    return Size(one.value - other.value, known)
 
 
 def _inverter_table(recorded: Recorded, step: float, drop: float, width: float, knee: float) -> dict[str, Size]:

@@ -107,6 +107,12 @@ def test_a_voltage_of_steady_points_is_a_drop() -> None:
     assert said == "how much of the inverter's voltage error is dead time is not told: inverter_drop takes it all"
 
 
+def test_a_drop_that_is_told_as_none_is_as_unsure_as_that() -> None:
+    told = {"dead_time": Size(1e-6, 1e-8), "u_drop": Size(0.0, 0.4), "zero_crossing_width": Size(0.2)}
+    (one,), _ = compensations(replace(recorded({}), found={"inverter_voltage_error": told}))
+    assert (one.values["inverter_drop"], one.values["dead_time"].std) == (Size(0.0, 0.4), 1e-8)
+
+
 def test_dead_time_and_drop_are_taken_over_where_a_table_of_soft_drops_cannot_be() -> None:
     soft = {"inverter_voltage_error": {"dead_time": 1e-6, "u_drop": 2.0, "zero_crossing_width": 0.02, "knee": 0.5}}
     unknown = replace(recorded(soft), u_dc=None)
