@@ -207,12 +207,20 @@ def _equation(names: Sequence[str]) -> Any:
 def load_toml(path: str | Path) -> dict[str, object]:
     """A TOML file's content. Raises ConfigError."""
     try:
-        return tomllib.loads(read_bytes(path, _LARGEST).decode("utf-8-sig"))
+        return toml_of(read_bytes(path, _LARGEST).decode("utf-8-sig"), path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: expected UTF-8 text, byte {error.start} is not") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from error
-    except (RecursionError, ValueError) as error:  # brackets without end; a path or a number that cannot be
+    except ValueError as error:  # a path that cannot be
         raise ConfigError(f"{path}: not TOML: {type(error).__name__}") from error
+
+
+def toml_of(text: str, where: str | Path) -> dict[str, object]:
+    """The content of TOML. Raises ConfigError."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where}: not TOML: {error}") from error
+    except (RecursionError, ValueError) as error:  # brackets without end; a number that cannot be
+        raise ConfigError(f"{where}: not TOML: {type(error).__name__}") from error

@@ -29,7 +29,8 @@ _WRONG: Answers = {422: {"description": "Not what can be asked for"} | PROBLEM}
 _ASKED: Answers = {
     404: {"description": "No recording of that name"} | PROBLEM,
     409: {"description": "It is being diagnosed"} | PROBLEM,
-    422: {"description": "Not a nominal machine that is whole, or a trust that cannot be; a stream's rows"} | PROBLEM,
+    422: {"description": "A nominal machine that is not whole, a trust or witness that cannot be; a stream's rows"}
+    | PROBLEM,
     503: {"description": "Too many are waiting"} | PROBLEM,
 }
 _NOT_NOW: Answers = {409: {"description": "The diagnosis is in another state"} | PROBLEM}

@@ -18,15 +18,18 @@ from bench.diagnoses.diagnosis_request import WORK, Request, Result, check_whole
 from bench.diagnoses.worker import Failed, Progress, Worker
 from bench.errors import ConfigError, ConflictError, LimitError, RecordingError, UnavailableError, UnknownError, shown
 from bench.jobs import LATEST, Jobs
-from bench.machine_file import Nominal, nominal_of
+from bench.machine_file import Nominal, nominal_of, toml_of
 from bench.recordings.recording import check_every_period, periods_said
 from bench.recordings.table import notes
 from bench.store.closing import notes_of
 from bench.store.diagnoses import Diagnoses, Heading
+from bench.witness import from_table, text_of
 
 WAITING: Final = 10  # diagnoses
 RESULT, FIGURES, REPORT, MACHINE = "result.json", "figures.json", "report.html", "machine.toml"
 """Files of a diagnosis, by name."""
+_TAKEN: Final = ("trust", "nominal", "witness")  # what a body may have
+_FILE: Final = "nominal, a machine file's text"
 _REMEMBERED: Final = 20  # diagnoses that could not be kept on disk, each with its report
 _MADE_WITH: Final = ("pmsm-bench", "numpy", "scipy", "numba")
 
@@ -54,7 +57,7 @@ class Job:
     recording: str  # id
     drive: str  # that made it; empty where the recording does not say
     asked: datetime
-    request: Mapping[str, Any]  # trust and nominal, as they are asked for
+    request: Mapping[str, Any]  # trust, nominal and witness, as they are asked for
     state: JobState = JobState.QUEUED
     started: datetime | None = None
     ended: datetime | None = None
@@ -126,7 +129,10 @@ class DiagnosisJobs(Jobs[Job, _Run]):
         file = self._file(recording)
         recording = file.stem
         request = self._request(file, given)
-        asked_for = {"trust": dict(request.trust), "nominal": request.nominal.tables}
+        asked_for = {
+            "trust": dict(request.trust), "nominal": request.nominal.tables,
+            "witness": {name: text_of(one) for name, one in request.witnesses.items()},
+        }  # fmt: skip
         drive = str(notes_of(file).get("drive", ""))
         with self._lock:
             if self._ending:
@@ -254,14 +260,17 @@ class DiagnosisJobs(Jobs[Job, _Run]):
     def _request(self, file: Path, given: Mapping[str, Any]) -> Request:
         """Raises LimitError."""
         for key in given:
-            if key not in ("trust", "nominal"):
-                raise LimitError(f"a diagnosis takes trust and nominal, got {shown(key)}")
-        trust, nominal = _object(given, "trust") or {}, _object(given, "nominal")
+            if key not in _TAKEN:
+                raise LimitError(f"a diagnosis takes trust, nominal and witness, got {shown(key)}")
         try:
+            text = given.get("nominal")
+            given = {**given, "nominal": toml_of(text, _FILE)} if isinstance(text, str) else given
+            trust, nominal, witness = (_object(given, key) for key in _TAKEN)
             check_every_period(Path(file.stem), _periods(file))
             known = self._nominal(file) if nominal is None else nominal_of(nominal, "nominal")
             check_whole(known)
-            return Request(file, known, checked_trust(trust), report=True, witnesses=known.witnesses)
+            witnesses = {**known.witnesses, **from_table(witness or {}, "witness")}
+            return Request(file, known, checked_trust(trust or {}), report=True, witnesses=witnesses)
         except (ConfigError, RecordingError) as error:
             raise LimitError(str(error)) from None
 

@@ -24,6 +24,8 @@ from estimator.physics.saturation import SATURATIONS, curve_of, flux_of
 
 BY_TIMES, BY_TABLE = 1.0, 2.0  # inverter_correction
 TURN: Final = math.tau
+_NO_DEAD_TIME: Final = "how much of the inverter's voltage error is dead time is not told: inverter_drop takes it all"
+_OF_TABLES: Final = "the control period and the dc link's voltage"
 _RIPPLE: Final = 0.02  # of the rated current: what a period's ripple and a delay make of a crossing's width
 _SOFT: Final = 0.2  # of all that is lost, from which the softness of drops is worth a table
 _KNEES: Final = 8.0  # to the end of such a table: 99 % of a drop
@@ -76,6 +78,7 @@ class Compensation:
     values: Mapping[str, Size]  # SI
     note: str = ""
     doubt: str = ""  # what else it may have been, a clause
+    partly: str = ""  # what of it is not taken over, a sentence
 
 
 class UntoldError(Exception):
@@ -102,10 +105,13 @@ def inverter(recorded: Recorded) -> Compensation:
     knee, mode = told.get("knee", Size(0.0)).value, recorded.was("inverter_correction")
     names = tuple(each for each in (name, other) if each in recorded.found)
     lost = drop.value if T_s is None or u_dc is None else drop.value + dead_time.value / T_s * u_dc
+    partly = "" if "dead_time" in told or name not in recorded.found else _NO_DEAD_TIME
     if mode == BY_TABLE or (knee > width and drop.value > _SOFT * lost):
-        if T_s is None or u_dc is None:
-            raise UntoldError("a table of lost voltage needs the control period and the dc link's voltage")
-        return Compensation(names, _inverter_table(recorded, dead_time.value / T_s * u_dc, drop.value, width, knee))
+        if T_s is not None and u_dc is not None:
+            return Compensation(names, _inverter_table(recorded, dead_time.value / T_s * u_dc, drop.value, width, knee))
+        if mode == BY_TABLE:
+            raise UntoldError(f"the drive has a table of lost voltage, and another one needs {_OF_TABLES}")
+        partly = f"the drop is taken for one of no softness: a table of it needs {_OF_TABLES}"
     if mode == BY_TIMES:
         dead_time = Size(dead_time.value + recorded.was("dead_time"), dead_time.std)
         drop = Size(drop.value + recorded.was("inverter_drop"), drop.std)
@@ -114,12 +120,14 @@ def inverter(recorded: Recorded) -> Compensation:
         raise UntoldError("the drive adds more than its legs lose, by what is none of its parameters")
     values = {"inverter_correction": Size(BY_TIMES), "dead_time": dead_time, "inverter_width": Size(width)}
     note = "a crossing's width is that of the current's ripple, by a rule"
-    return Compensation(names, {**values, "inverter_drop": drop}, note)
+    return Compensation(names, {**values, "inverter_drop": drop}, note, partly=partly)
 
 
 def _less(one: Size, other: Size) -> Size:
-    stds = [each.std for each in (one, other) if each.value]
-    return Size(one.value - other.value, None if None in stds else math.hypot(*(std or 0.0 for std in stds)))
+    """Of what is told; a size of zero without an error is of nothing."""
+    stds = [each.std for each in (one, other) if each.value or each.std is not None]
+    known = None if not stds or None in stds else math.hypot(*(std or 0.0 for std in stds))
+    return Size(one.value - other.value, known)
 
 
 def _inverter_table(recorded: Recorded, step: float, drop: float, width: float, knee: float) -> dict[str, Size]:
@@ -401,7 +409,8 @@ def compensations(recorded: Recorded) -> tuple[list[Compensation], list[str]]:
         elif how not in done:
             done.add(how)
             try:
-                made.append(how(recorded))
+                made.append(one := how(recorded))
+                said += [one.partly] if one.partly else []
             except UntoldError as error:
                 said.append(f"{effect} is absorbed by no compensation: {error}")
     return made, said

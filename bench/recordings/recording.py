@@ -28,7 +28,7 @@ from bench.errors import RecordingError, shown
 from bench.recordings.forms.csv_rows import Lines
 from bench.recordings.forms.times import LARGEST, Column, Counter, Even, Part, grain_of, numbered
 from bench.recordings.forms.units import UNCHANGED
-from bench.recordings.runs import PROBE, Chunk, RunSplitter, find_clock
+from bench.recordings.runs import OF_INSTANTS, PROBE, Chunk, RunSplitter, find_clock
 from bench.recordings.sources import (
     MAX_PERIODS,
     OPTIONAL,
@@ -105,7 +105,6 @@ class RecordingReader:
     ) -> None:
         self.path = path
         self._told = told
-        self.T_s_given = T_s is not None
         with _naming(path):
             first = _first_rows(parts)
             periods = _periods(first, sources)
@@ -337,7 +336,7 @@ def _periods(first: list[Part], sources: Sources) -> int:
     if periods > 1 and "i_d_mean" not in sources.told:
         raise RecordingError(
             f"rows that cover {periods:g} control periods need their mean currents, missing columns: "
-            "i_d_mean, i_q_mean"
+            f"i_d_mean, i_q_mean; {OF_INSTANTS}"
         )
     return int(periods)
 

@@ -17,7 +17,7 @@ from bench.live.window import Window
 from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
 from bench.recordings.recording import RecordingReader, Summary
-from bench.recordings.runs import Chunk
+from bench.recordings.runs import Chunk, perhaps_of_instants
 from bench.recordings.screen import Screen
 from bench.recordings.skipping import SLOWEST, SkippingRows
 from bench.recordings.sources import NOT_RECORDED, PHASES, TEMPERATURES
@@ -77,12 +77,13 @@ def replay(
     said = instead.said(window, over=turned.doubt())
     if said is None or not said.explains:
         return found
-    return replace(found, result=said.result, verdict=said.verdict, remarks=(*found.remarks, said.remark))
+    remarks = (*reader.summary.remarks(), *turned.remarks(), said.remark)
+    return replace(found, result=said.result, verdict=said.verdict, remarks=remarks)
 
 
 def _instead(reader: RecordingReader, window: Window) -> SkippingRows | None:
     """What takes rows for some that skip control periods, where they may be: of an unknown period, and all together."""
-    unknown = not reader.T_s_given and reader.clock.periods == 1 and reader.clock.step >= SLOWEST
+    unknown = not reader.clock.given and reader.clock.periods == 1 and reader.clock.step >= SLOWEST
     together = window.method == "wls" and _rests_on(window) is None and not window.chosen_by_data
     return SkippingRows(None) if unknown and together else None
 
@@ -152,7 +153,7 @@ def _replay_periods(
     remarks = (
         *reader.summary.remarks(), *screen.remarks(), *turned.remarks(), *_speed(judgement.worst, n_p),
         *_sensor(fault), *(() if fault or turned.doubt() else _convention(result, verdict, nominal or {}, n_p)),
-        *witnessed,
+        *witnessed, *_far_apart(reader, verdict),
     )  # fmt: skip
     return Replay(reader.summary, window, result, verdict, remarks, warmth.means())
 
@@ -276,6 +277,13 @@ def _speed(worst: Sequence[Samples], n_p: int | None) -> Sequence[str]:
         f"the voltages ask for another speed, with which {math.sqrt(found.left):.2g} of what they leave unexplained is "
         f"left{unit} --map omega_e=COLUMN*{1.0 / found.factor:.6g}",
     )
+
+
+def _far_apart(reader: RecordingReader, verdict: Verdict) -> Sequence[str]:
+    """What rows may be that the equations do not explain, a sentence where they are far apart."""
+    if verdict.status is not Explained.NO or reader.clock.given or reader.sources.q_only:
+        return ()
+    return perhaps_of_instants(reader.clock.step, reader.clock.periods)
 
 
 def _sensor(fault: Fault | None) -> Sequence[str]:

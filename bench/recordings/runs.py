@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,13 @@ from estimator.samples import Column, Resolution, Samples
 
 PROBE = 10_000  # rows that settle the step between rows
 SHORTEST, LONGEST = 1e-7, 5e-3  # s, that a control period may be
-MOST_SKIPPED = 1000  # control periods from row to row
+MOST_SKIPPED: Final = 1000  # control periods from row to row
+_FAR_APART: Final = 0.5e-3  # s: few drives control as seldom
+OF_INSTANTS: Final = (
+    "of one row in several the rows well after each step of the currents are steady points, which pmsm-bench diagnose "
+    "--format points takes"
+)
+"""What a diagnosis can do with values of an instant, a clause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +37,7 @@ class Clock:
     T_s: float  # s, control period: as given, or step / periods
     periods: int  # control periods per row
     skips: bool = False  # a row is the values of the first of them, and not means over all
+    given: bool = False  # the control period was, and the times agree
 
 
 @dataclass(slots=True)
@@ -78,15 +85,16 @@ def find_clock(t: Column, periods: int, T_s: float | None, *, skipping: bool = F
     step = float(f"{np.mean(steps[np.abs(steps / median - 1) <= JITTER]):.9g}")
     T = step / periods
     if skipping and periods == 1 and T_s is not None and (rows_of := _one_in(T / T_s)):
-        return Clock(step, step / rows_of, rows_of, skips=True)
+        return Clock(step, step / rows_of, rows_of, skips=True, given=True)
     if T_s is not None and abs(T - T_s) > DRIFT * T_s:
         raise RecordingError(f"expected T_s = {T_s:g} s, the times say {T:g} s{_looks_like(step, T, T_s)}")
     if not SHORTEST <= T <= LONGEST:
+        log = "; a log of steady states is diagnosed by --format points" if T > LONGEST else ""
         raise RecordingError(
             f"t steps by {step:g} s, expected {SHORTEST:g} to {LONGEST:g} s a control period: is t in ms, or us? "
-            "expected s, or its unit: --map t=COLUMN[us]"
+            f"expected s, or its unit: --map t=COLUMN[us]{log}"
         )
-    return Clock(step, T if T_s is None else T_s, periods)
+    return Clock(step, T if T_s is None else T_s, periods, given=T_s is not None)
 
 
 def _looks_like(step: float, T: float, T_s: float) -> str:
@@ -99,8 +107,8 @@ def _looks_like(step: float, T: float, T_s: float) -> str:
         return f": is t {' or '.join(guesses)}? expected s, or what makes s of it: --map t=COLUMN*{T_s / T:.6g}"
     if rows_of := _one_in(ratio):
         return (
-            f": is it one row in {rows_of}? A diagnosis needs every control period; for a replay, rows that cover "
-            f"{rows_of} periods each need periods = {rows_of}"
+            f": is it one row in {rows_of}? A diagnosis needs every control period; pmsm-bench replay takes such rows, "
+            f"and means over {rows_of} each with i_d_mean, i_q_mean and periods = {rows_of}; {OF_INSTANTS}"
         )
     return ""
 
@@ -109,6 +117,16 @@ def _one_in(ratio: float) -> int:
     """Control periods from row to row, of a step over the control period; 0 where there is one, or no whole number."""
     whole = round(ratio)
     return whole if 1 < whole <= MOST_SKIPPED and abs(ratio / whole - 1.0) < DRIFT else 0
+
+
+def perhaps_of_instants(step: float, periods: int) -> Sequence[str]:
+    """Of rows that no machine explains, of a control period that nobody gave: a sentence where they are far apart."""
+    if periods > 1 or step < _FAR_APART:
+        return ()
+    return (
+        f"rows are {step * 1e3:.4g} ms apart: is that one row in several control periods? pmsm-bench replay takes such "
+        f"rows by --set T_s=SECONDS; a diagnosis needs every control period; {OF_INSTANTS}",
+    )
 
 
 class RunSplitter:

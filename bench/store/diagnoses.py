@@ -55,7 +55,7 @@ class Heading:
     reason: str  # why it failed, or was cancelled
     verdict: str | None  # of one that is done
     sentence: str | None
-    request: dict[str, Any]  # trust and nominal, as they are asked for
+    request: dict[str, Any]  # trust, nominal and witness, as they are asked for
     versions: dict[str, str]  # of what it was made with
     sums: dict[str, str] = field(default_factory=dict[str, str])  # SHA-256 of each file's content
 

@@ -22,9 +22,10 @@ inference, Journal of Business and Economic Statistics 28, 2010, doi 10.1198/jbe
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.arrays import Array, Bools, Vector
 from estimator.interval import Z_95
@@ -51,6 +52,7 @@ _FEWEST_STRETCHES: Final = 8
 _FEW_STRETCHES: Final = 16  # and up to twice as many that standard errors are of: what moves slowly is within one
 _UNLIKE_L_Q: Final = 0.5  # of L_q, standard deviation of an L_d that is not told
 _FORM: Final = 1e-3  # of a value, standard deviation of what a bridge's ripple and an angle's rounding do to it
+_SMALL_TERM_ROUNDS: Final = 3
 _PERSISTS: Final = 0.98  # of a current's variance, that the instrument has, where the current tells its inductance
 _WELL_TOLD: Final = 0.25  # of a value, half its 95 % interval
 _LAGS: Final = (7, 8, 9, 10, 11)  # rows, over which noise hangs together no more
@@ -62,6 +64,9 @@ _UNKNOWN: Final = 5
 _H: Final = 5  # the place of h, what bows the current within a period on d and on q,
 _U: Final = 8  # the voltage
 _SIZE: Final = 9
+
+
+_Value = TypeVar("_Value", np.complex128, np.float64, np.bool_)
 
 
 @dataclass(slots=True, eq=False)
@@ -157,8 +162,10 @@ def _joined(parts: Sequence[Samples]) -> Samples:
     one = parts[0]
     if len(parts) == 1:
         return one
-    columns = (np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS)
-    return Samples(*columns, one.T_s, one.periods, q_only=one.q_only)
+    theta_e, omega_e, i_d, i_q, u_d, u_q = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS
+    )
+    return Samples(theta_e, omega_e, i_d, i_q, u_d, u_q, one.T_s, one.periods, q_only=one.q_only)
 
 
 def _sum(state: SkippingState, run: Samples) -> None:
@@ -183,7 +190,7 @@ def _sum(state: SkippingState, run: Samples) -> None:
         _add(sums, x, z, good, q_only=state.q_only)
 
 
-def _moved(column: Vector | Array | Bools, n: int, ends: int) -> Vector:
+def _moved(column: NDArray[_Value], n: int, ends: int) -> NDArray[_Value]:
     return column[ends + n : len(column) - ends + n]
 
 
@@ -204,8 +211,8 @@ def _equations(i: Vector, u: Vector, theta: Array, degree: int, T: float, T_s: f
     ends, after = degree + 1, 0.5 * T_s
     here = _moved(i, 0, ends)
     slope, bend = _derivatives(i, degree, T)
-    omega, acceleration = _derivatives(theta.astype(np.complex128), degree, T)
-    omega = omega.real + after * acceleration.real
+    speed, acceleration = _derivatives(theta.astype(np.complex128), degree, T)
+    omega: Array = speed.real + after * acceleration.real
     far, back = _moved(i, ends, ends), _moved(i, -ends, ends)
     omega_z = (_moved(theta, ends, ends) - _moved(theta, -ends, ends)) / (2.0 * ends * T)
     x = _of_currents(here + after * slope, slope + after * bend, omega, T_s)
@@ -244,7 +251,7 @@ def _of_currents(i: Vector, slope: Vector, omega: Array, T_s: float) -> Array:
 
 
 def _add(sums: _Sums, x: Array, z: Array, good: Bools, *, q_only: bool) -> None:
-    axes = (1,) if q_only else (0, 1)
+    axes = [1] if q_only else [0, 1]
     for axis in axes:
         kept = np.where(good, x[axis], 0.0)
         sums.squares[axis] += kept @ kept.T
@@ -258,7 +265,7 @@ def _add(sums: _Sums, x: Array, z: Array, good: Bools, *, q_only: bool) -> None:
     parts = max(1, min(len(places) // _FEWEST_STRETCHES, 8))
     for part in np.array_split(places, parts):
         if len(part):
-            sums.add(sum(z[axis][:, part] @ x[axis][:, part].T for axis in axes), len(part))
+            sums.add(np.einsum("apn,aqn->pq", z[axes][..., part], x[axes][..., part]), len(part))
 
 
 # --- What they say
@@ -331,12 +338,13 @@ def _fit(
     gram = whole.sum(axis=0)
     if not np.linalg.cond(gram / scale[:, None]) < 1.0 / np.finfo(np.float64).eps:
         return None
-    inverse = np.linalg.inv(gram)
+    inverse: Array = np.array(np.linalg.inv(gram), np.float64)
     others = [k for k in range(_UNKNOWN) if k not in free]
-    for _ in range(3):
+    target: Array = np.zeros(each.shape[:2])
+    for _ in range(_SMALL_TERM_ROUNDS):
         target = each[:, :, _H:] @ _within(beta, T_s) - each[:, :, others] @ beta[others]
         beta[free] = inverse @ target.sum(axis=0) / scale
-    off = target - each[:, :, free] @ beta[free]
+    off: Array = target - each[:, :, free] @ beta[free]
     std = np.zeros(_UNKNOWN)
     std[free] = np.sqrt(np.sum((off @ inverse.T) ** 2, axis=0)) / scale
     freedom = max(len(off) - len(free), 1)

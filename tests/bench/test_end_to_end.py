@@ -89,6 +89,25 @@ def test_another_motor_is_held_and_bounded_by_its_own_data(tmp_path: Path) -> No
         assert (answer.status_code, "currents go up to 7.1 A" in answer.json()["detail"]) == (422, True)
 
 
+def test_a_drive_that_trips_at_its_start_leaves_the_service_up_with_its_fault(tmp_path: Path) -> None:
+    path = tmp_path / "fast.toml"
+    path.write_text('[motor]\nname = "teknic_m2310p"\n[drive]\noverspeed_trip = 300.0\n', encoding="utf-8")
+    port = free_port()
+    with command("up", "--port", str(port), "--at", bus_url(free_port()), "--scenario", str(path)) as process:
+        url = f"http://127.0.0.1:{port}{DRIVE}"
+        with httpx.Client() as client:
+            wait_for_answer(f"http://127.0.0.1:{port}/api/health", process)
+            said = until(client, url, lambda said: said["control"]["fault"])
+            assert said["control"]["fault"]["name"] == "overspeed"
+            assert said["link"]["state"] == "streaming"
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=15.0)
+    assert process.returncode == 0, errors
+    at_once = "not started: the drive is in fault: overspeed (0x8481); pmsm-bench reset emulated leaves a fault" in out
+    assert at_once or "control ended: the drive went off by itself at" in errors  # a moment later
+    assert "Ctrl-C ends it" in out
+
+
 def test_up_outlives_its_terminal_under_nohup() -> None:
     port, bus = free_port(), bus_url(free_port())
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does, and children inherit

@@ -47,6 +47,8 @@ def test_a_witness_has_a_value_and_half_of_an_interval(text: str, value: float, 
     ("psi_f=0.12+--1e-3", "--witness: psi_f: expected an error above zero, got -1e-3"),
     ("psi_f=0.12A+-1%", "--witness: psi_f in 'A': expected one of Vs, mVs"),
     ("R_s=-1+-1%", "--witness: R_s: expected 0.0001 to"), ("R_s=1+-1%,R_s=2+-1%", "--witness: R_s is given twice"),
+    ("", "--witness: expected a value and its error, such as psi_f=2.478e-3+-1% or R_s=70mohm+-2mohm, got ''"),
+    (" ,", "--witness: expected a value and its error, such as"),
 ])  # fmt: skip
 def test_an_impossible_witness_gets_a_sentence(text: str, why: str) -> None:
     with pytest.raises(ConfigError, match="^" + re.escape(why)):

@@ -22,7 +22,7 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.browser.axe import violations
 from tests.browser.test_page import browser, forget_logs, log, pytestmark, run, text, type_over, until
-from tests.conftest import RunningBench, bench_up, command, free_port, wait_for_answer
+from tests.conftest import JSON, RunningBench, bench_up, command, free_port, wait_for_answer
 from tests.support.relay import relayed
 from tests.support.served_drive import emulator, ready, tcp_url
 
@@ -154,6 +154,26 @@ def test_capture_diagnosis_experiment_and_second_diagnosis_by_the_page_alone(bro
         operator.click(".diagnosis .close")
         until(browser, lambda: len(browser.find_elements(By.CLASS_NAME, "verdict")) == 1, "one alone")
         browser.get("about:blank")
+
+
+def test_a_recording_is_diagnosed_by_the_machine_file_that_is_chosen(
+    page: Chrome, running_bench: RunningBench, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.toml"
+    path.write_text("[machine]  # another one\nR_s = 1.25\nL_d = 4e-3\nL_q = 6e-3\npsi_f = 0.12\nn_p = 4\n", "utf-8")
+    with httpx.Client(base_url=running_bench.url) as client:
+        id_ = client.post(f"{DRIVE}/captures", json={"length": 2000}).raise_for_status().json()["id"]
+        until(page, lambda: client.get(f"{DRIVE}/captures/{id_}").json()["state"] == "done", "a capture")
+        room(page, "diagnosis")
+        until(page, lambda: page.find_elements(By.CSS_SELECTOR, f"option[value='{id_}']"), "the recording")
+        Select(page.find_element(By.ID, "diagnose-recording")).select_by_value(id_)
+        page.find_element(By.ID, "diagnose-machine").send_keys(str(path))
+        Operator(page).click("#diagnose-start")
+        asked = f"/api/recordings/{id_}/diagnosis"
+        until(page, lambda: client.get(asked).status_code == 200, "the diagnosis")
+        assert client.get(asked).json()["request"]["nominal"]["machine"]["R_s"] == 1.25
+        until(page, lambda: page.find_element(By.ID, "diagnose-machine").get_attribute("value") == "", "the form")
+        client.delete(asked, headers=JSON)
 
 
 def test_a_recording_is_made_marked_found_plotted_and_deleted(page: Chrome, running_bench: RunningBench) -> None:

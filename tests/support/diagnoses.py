@@ -197,6 +197,8 @@ def work(request: Request, tell: Tell) -> Result:
     diagnosis = (ALL | OTHERS).get(name.replace("_", " "), EXPLAINED)
     content = as_json(Diagnosed(replace(RECORDING, path=str(request.file)), request.nominal, diagnosis))
     content["remarks"] += [f"trust {dict(request.trust)}"] if request.trust else []
+    if told := ", ".join(f"{key} {one.value:g}" for key, one in sorted(request.witnesses.items())):
+        content["remarks"] += [f"witnesses {told}"]
     machine = machine_text(diagnosis, request.nominal, request.file.name) if diagnosis.machine_after else None
     page = page_of(diagnosis, request.nominal) if request.report else None
     return Result(content, machine, page, figures_text(pictures(diagnosis)))

@@ -22,6 +22,7 @@ const GOOD = ["no_mismatch", "explained"];
 export function diagnosisRoom() {
   const recording = /** @type {HTMLSelectElement} */ (make("select", { id: "diagnose-recording" }));
   const trust = /** @type {HTMLInputElement} */ (make("input", { id: "diagnose-trust", inputmode: "decimal", value: "10" }));
+  const machine = /** @type {HTMLInputElement} */ (make("input", { id: "diagnose-machine", type: "file", accept: ".toml" }));
   const begin = /** @type {HTMLButtonElement} */ (make("button", { type: "submit", class: "primary", id: "diagnose-start" }, "Diagnose"));
   const message = make("p", { class: "form-message", id: "diagnose-message", role: "alert" });
   const list = make("ul", { id: "diagnoses-list", class: "list" });
@@ -34,6 +35,7 @@ export function diagnosisRoom() {
       make("section", { class: "card side", "aria-label": "Diagnoses" },
         make("form", { id: "diagnose-form", onsubmit: (/** @type {Event} */ event) => { event.preventDefault(); ask(); } },
           make("label", { for: "diagnose-recording" }, "Recording"), recording,
+          make("label", { for: "diagnose-machine" }, "Machine file, in place of the drive's data"), machine,
           make("p", { class: "entry" }, make("label", { for: "diagnose-trust" }, "data sheet within ±"), trust, make("span", { class: "unit" }, "%"), begin),
           message),
         count, list),
@@ -57,7 +59,10 @@ export function diagnosisRoom() {
       if (share === null || share <= 0) throw new Error(`Data sheet: expected a number of % above zero, got “${trust.value}”.`);
       if (recording.value === "") throw new Error("There is no recording to diagnose yet: capture one in Live.");
       const each = Object.fromEntries(["R_s", "L_d", "L_q", "psi_f"].map((name) => [name, share / 100]));
-      await diagnoseIt(recording.value, drive, share === 10 ? {} : { trust: each });
+      const file = machine.files?.[0];
+      await diagnoseIt(recording.value, drive,
+        { ...(share === 10 ? {} : { trust: each }), ...(file === undefined ? {} : { nominal: await file.text() }) });
+      machine.value = "";
     } catch (error) {
       message.dataset.mood = "bad";
       message.textContent = /** @type {Error} */ (error).message;

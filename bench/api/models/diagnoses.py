@@ -12,6 +12,7 @@ from bench.diagnoses.diagnosis_request import Trust
 from bench.diagnoses.figures.figure import schema as figures_schema
 from bench.diagnoses.published import schema
 from bench.machine_file import Tables
+from bench.witness import Texts
 from estimator.diagnosis.verdict import Verdict
 
 DIAGNOSIS: Final = "DiagnosisModel"
@@ -23,15 +24,19 @@ _RECORDING = "emulated-20260131-115900-000"
 class DiagnosisRequestModel(BaseModel):
     """How to diagnose; what is left out is as usual."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{"trust": {"R_s": 0.2}}, {"nominal": {
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"examples": [{
+        "trust": {"R_s": 0.2}, "witness": {"psi_f": "0.1203+-0.5%"},
+    }, {"nominal": {
         "machine": {"R_s": 0.97, "L_d": 4.2e-3, "L_q": 6.2e-3, "psi_f": 0.12, "n_p": 4, "i_rated": 6.0},
         "drive": {"u_dc": 310.0},
     }}]})  # fmt: skip
 
     trust: Trust = {}
-    nominal: Tables | None = Field(
-        None, description="tables as in a MACHINE.toml; left out: those of the drive's configuration", examples=[None]
+    nominal: Tables | str | None = Field(
+        None, description="tables as in a MACHINE.toml, or its text; left out: those of the drive's configuration",
+        examples=[None],
     )
+    witness: Texts = {}
 
 
 class DiagnosisJobModel(BaseModel):
@@ -57,8 +62,9 @@ class DiagnosisJobModel(BaseModel):
         description="the answer in words", examples=["The inverter's voltage error was left out: 2.0 us of dead time."]
     )
     request: dict[str, Any] = Field(
-        description="trust and nominal, by which another one is asked for alike; those that were the drive's are told",
-        examples=[{"trust": {"R_s": 0.2}, "nominal": {"machine": {"n_p": 4}, "drive": {}}}],
+        description="trust, nominal and witness, by which another one is asked for alike; those that were the drive's "
+        "are told",
+        examples=[{"trust": {"R_s": 0.2}, "nominal": {"machine": {"n_p": 4}, "drive": {}}, "witness": {}}],
     )
     remark: str = Field(
         description="a sentence: why it is not kept on disk; empty of one that is, or has not ended", examples=[""]

@@ -22,7 +22,7 @@ from bench.cli.terminal import Terminal, one_line
 from bench.config import PORT, Config, drive_of, emulated, usual_port
 from bench.errors import ConfigError
 from bench.machine_file import nominal_of
-from drivers.errors import LostError
+from drivers.errors import FaultError, LostError
 from drivers.lease import HeldError
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def _tell_end(service: "Service") -> None:
 
 
 def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> None:
-    """Start a drive once there is a link to it. Raises BenchError, DriveError."""
+    """Start a drive once there is a link to it; one that trips then shows its fault. Raises BenchError, DriveError."""
     deadline = time.monotonic() + _LINKED
     while True:
         try:
@@ -170,6 +170,9 @@ def _started(service: "Service", name: str, set_points: Mapping[str, float]) -> 
             break
         except HeldError as error:
             _console.print(f"       watched only: {error}")
+            return
+        except FaultError as error:
+            _console.print(f"       not started: {error}; pmsm-bench reset {name} leaves a fault whose cause is gone")
             return
         except LostError:
             if time.monotonic() > deadline:

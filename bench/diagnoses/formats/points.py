@@ -7,6 +7,7 @@ called otherwise, and their units: `omega_e=erpm[erpm]`. Further columns are not
 
 import math
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -18,9 +19,11 @@ from bench.diagnoses.diagnosis_request import Request, Tell
 from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import ConfigError, RecordingError, shown
 from bench.recordings.forms.csv_rows import Lines
+from bench.recordings.forms.units import UNCHANGED
 from bench.recordings.recording import Summary
+from bench.recordings.runs import LONGEST, PROBE
 from bench.recordings.sources import Source, bare_names, listed, source_of
-from bench.recordings.table import Header, column_names, header_of, quoted, read_whole
+from bench.recordings.table import Header, column_names, header_of, quoted, read_parts, read_whole
 from estimator.diagnosis.points.diagnose import diagnose_points, given_off
 from estimator.diagnosis.points.q_axis_diagnosis import diagnose_q_points
 from estimator.diagnosis.points.table import Points, steady
@@ -38,12 +41,26 @@ Column = NDArray[np.float64]
 
 
 def sniff(path: Path, mapping: Mapping[str, str]) -> bool:
-    """Voltages, currents and a speed, and no time; or a time beside a speed in rpm. Nothing of single periods."""
+    """Voltages, currents and a speed, and no time; or a time beside a speed in rpm, or one whose unit puts rows too far
+    apart for control periods. Nothing of single periods.
+    """
     present = {*bare_names(column_names(path)), *mapping}
     if present & set(OF_PERIODS):
         return False
-    speed = "speed_rpm" in present or ("omega_e" in present and "t" not in present)
-    return speed and present >= set(OF_Q)
+    if not present >= set(OF_Q):
+        return False
+    return "speed_rpm" in present or ("omega_e" in present and ("t" not in present or _far_apart(path, mapping)))
+
+
+def _far_apart(path: Path, mapping: Mapping[str, str]) -> bool:
+    """Whether times whose unit is told, and so is no guess, are those of a log."""
+    source = source_of(path, header_of(path), "t", mapping.get("t"), None)
+    if source is None or (not source.unit and source.scale == UNCHANGED):
+        return False
+    with closing(read_parts(path, [source.column], PROBE)) as parts:
+        first = next((part[source.column] for part in parts if part), np.empty(0))
+    t = source.scale(first[np.isfinite(first)])
+    return len(t) > 1 and float(np.median(np.diff(t))) > LONGEST
 
 
 def diagnose(request: Request, tell: Tell, rate: float | None = None) -> Diagnosed:

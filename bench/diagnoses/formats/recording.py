@@ -13,7 +13,7 @@ from bench.diagnoses.formats.format import Diagnosed, Format
 from bench.errors import BenchError, ConfigError, RecordingError
 from bench.recordings.long_recording import read_in_stretches
 from bench.recordings.recording import Recording, RecordingReader, check_every_period, joined, open_recording, whole
-from bench.recordings.runs import Chunk
+from bench.recordings.runs import Chunk, perhaps_of_instants
 from bench.recordings.screen import Screen
 from bench.recordings.sources import bare_names
 from bench.recordings.table import column_names
@@ -21,7 +21,7 @@ from estimator.diagnosis.diagnose import diagnose
 from estimator.diagnosis.intake.speed_lag import SpeedLags
 from estimator.diagnosis.points.diagnose import given_off
 from estimator.diagnosis.points.q_axis_diagnosis import diagnose_q_log
-from estimator.diagnosis.verdict import Diagnosis
+from estimator.diagnosis.verdict import Diagnosis, Verdict
 from estimator.interval import Z_95
 from estimator.physics import voltage_delay
 from estimator.samples import Samples
@@ -69,7 +69,8 @@ class Read:
 
     def diagnosed(self, diagnosis: Diagnosis) -> Diagnosed:
         """What is said of it, with what is to be said of the file."""
-        runs, remarks = self.recording.runs, (*self.remarks, *diagnosis.remarks, *self.aligned(diagnosis))
+        runs = self.recording.runs
+        remarks = (*self.remarks, *diagnosis.remarks, *self.aligned(diagnosis), *self._far_apart(diagnosis))
         seen = {axis: _span(runs, axis) for axis in ("i_d", "i_q")}
         said = replace(diagnosis, remarks=remarks)
         return Diagnosed(self.recording.summary, self.request.nominal, said, seen, _mean_u_dc(runs))
@@ -77,6 +78,13 @@ class Read:
     def aligned(self, diagnosis: Diagnosis) -> Iterator[str]:
         """How its voltages were taken, where they surely stand a row off."""
         return _aligned(diagnosis, self.request.align.get("u", 0.0))
+
+    def _far_apart(self, diagnosis: Diagnosis) -> Sequence[str]:
+        """What rows may be in which something stays unexplained, a sentence where they are far apart."""
+        said, summary = diagnosis.verdict, self.recording.summary
+        if said not in (Verdict.UNEXPLAINED, Verdict.PARTLY_EXPLAINED) or self.request.nominal.T_s is not None:
+            return ()
+        return () if self.recording.runs[0].q_only else perhaps_of_instants(summary.T_s, summary.periods)
 
 
 def read_bounded(request: Request) -> Read:

@@ -14,7 +14,7 @@ import numpy as np
 from emulator.conceal.recording import Choice, drawn
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.motors import MOTORS
-from emulator.scenario.scenarios import Scenario, parse
+from emulator.scenario.scenarios import Scenario
 from estimator.interval import Z_95
 from estimator.machine import PARAMETERS
 from estimator.online import skipping_rows
@@ -34,9 +34,8 @@ BARS: Final = (0.98, 0.93)  # within that or two standard errors; in 95 % interv
 def drive(number: int) -> Scenario:
     """A healthy drive of the population, in levels."""
     there, _ = drawn(Choice(SEED, ("none",), (0.0, 1.0), tuple(MOTORS), 0.1), number)
-    scenario = there.scenario if isinstance(there.scenario, Scenario) else parse(there.scenario, str(number))
-    excitation = replace(scenario.excitation, kind="levels", step_time=STEPS[number % len(STEPS)])
-    return replace(scenario, excitation=excitation)
+    excitation = replace(there.scenario.excitation, kind="levels", step_time=STEPS[number % len(STEPS)])
+    return replace(there.scenario, excitation=excitation)
 
 
 def off(scenario: Scenario) -> list[tuple[float, float]]:
@@ -44,7 +43,8 @@ def off(scenario: Scenario) -> list[tuple[float, float]]:
     columns, T_s, found = VirtualDrive(scenario).record(PERIODS), scenario.drive.T_s, list[tuple[float, float]]()
     names = ("theta_e", "omega_e", "i_d", "i_q", "u_d", "u_q")
     for one_in in ONE_IN:
-        samples = Samples(*(np.ascontiguousarray(columns[name][::one_in]) for name in names), T_s, one_in)
+        theta_e, omega_e, i_d, i_q, u_d, u_q = (np.ascontiguousarray(columns[name][::one_in]) for name in names)
+        samples = Samples(theta_e, omega_e, i_d, i_q, u_d, u_q, T_s, one_in)
         state = skipping_rows.finish(skipping_rows.update(skipping_rows.init(T_s), samples))
         for name, e in skipping_rows.estimate(state).result.estimates.items():
             if e.status is Status.OK and e.value is not None and e.std is not None:
@@ -57,9 +57,10 @@ def main() -> int:
     """Draw, estimate, count."""
     drives = int(sys.argv[1]) if len(sys.argv) > 1 else DRIVES
     each = [one for number in range(1, drives + 1) for one in off(drive(number))]
-    error, std = np.abs(np.array(each)).T
+    error = np.array([abs(one) for one, _ in each])
+    std = np.array([one for _, one in each])
     asked = drives * len(ONE_IN) * len(PARAMETERS)
-    right, covered = np.mean(error < np.maximum(WITHIN, 2.0 * std)), np.mean(error < Z_95 * std)
+    right, covered = float(np.mean(error < np.maximum(WITHIN, 2.0 * std))), float(np.mean(error < Z_95 * std))
     held = bool(right >= BARS[0] and covered >= BARS[1])
     figure = (
         f"{len(each)} of {asked} told, {right:.1%} of them within 0.5 % or two standard errors (median error "

@@ -26,6 +26,7 @@ from bench.errors import LimitError
 from bench.live.window import Window
 from bench.machine_file import nominal_of
 from bench.service.signals import checked
+from bench.witness import from_table
 from tests.conftest import JSON, READY, RunningBench, bench_up
 from tests.support.openapi import example, requests
 from tests.support.served_drive import until
@@ -205,6 +206,7 @@ def test_the_example_of_a_diagnosis_is_one_by_the_published_schema(document: dic
     validate(example(shapes["FiguresModel"], shapes), figures_schema())
     for body in shapes["DiagnosisRequestModel"]["examples"]:
         checked_trust(body.get("trust", {}))
+        assert set(from_table(body.get("witness", {}), "")) == set(body.get("witness", {}))
         assert "nominal" not in body or nominal_of(body["nominal"], "nominal").machine is not None
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any, Self
@@ -25,8 +26,11 @@ from bench.errors import ConflictError, LimitError, UnavailableError, UnknownErr
 from bench.files import captures_folder
 from bench.machine_file import Nominal, load_machine, nominal_of
 from bench.store.diagnoses import FOLDER
+from bench.witness import from_table
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.scenario.scenarios import PAPER
+from estimator.interval import Z_95
+from estimator.witness import Witness
 from tests.bench.api.test_api import problem
 from tests.bench.diagnoses.test_worker import alive, children
 from tests.conftest import JSON, RunningBench, bench_up
@@ -190,11 +194,17 @@ def test_so_many_may_wait_and_no_more_and_none_is_left_at_the_end(tmp_path: Path
         ({"trust": {"R_s": "20%"}}, "trust: R_s: expected a share above 0 and at most 10 (1000 %), "
          "such as 0.2 for 20 %, got '20%'"),
         ({"trust": [1]}, "trust: expected an object, got [1]"),
-        ({"nominal": "m.toml"}, "nominal: expected an object, got 'm.toml'"),
+        ({"nominal": ["m.toml"]}, "nominal: expected an object, got ['m.toml']"),
+        ({"nominal": "m.toml"}, "nominal, a machine file's text: not TOML: "),
+        ({"nominal": "[machine]\nR_s = -1\n"}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
         ({"nominal": {"machine": {"R_s": -1}}}, "nominal: [machine] R_s = -1: expected a finite number of ohm"),
         ({"nominal": {"motor": {}}}, "nominal: unknown entry 'motor', expected the tables [machine] and [drive]"),
         ({"nominal": {"machine": {}}}, "nominal machine whole, missing in [machine]: R_s, L_d, L_q, psi_f, n_p"),
-        ({"other": 1}, "a diagnosis takes trust and nominal, got 'other'"),
+        ({"other": 1}, "a diagnosis takes trust, nominal and witness, got 'other'"),
+        ({"witness": "psi_f=1"}, "witness: expected an object, got 'psi_f=1'"),
+        ({"witness": {"J": "1e-3+-1%"}}, "witness: no parameter 'J', expected one of R_s, L_d, L_q, psi_f"),
+        ({"witness": {"psi_f": "0.12"}}, "witness: psi_f: expected a value and its error, such as psi_f="),
+        ({"witness": {"psi_f": 0.12}}, 'witness psi_f: expected a text, such as "2.478e-3+-1%", got 0.12'),
     ],
     ids=str,
 )
@@ -230,6 +240,37 @@ def test_the_nominal_machine_is_that_of_the_drive_unless_told(tmp_path: Path) ->
     finally:
         jobs.leave()
         jobs.join(10.0)
+
+
+def test_the_nominal_machine_may_be_a_machine_files_text(tmp_path: Path) -> None:
+    recorded(tmp_path, "explained", drive="elsewhere")
+    jobs = DiagnosisJobs(tmp_path, NOMINALS, "tests.support.diagnoses:work")
+    try:
+        lines = [f"{name} = {value}" for name, value in WHOLE.items()]
+        asked = jobs.ask("explained", {"nominal": "\n".join(["[machine]  # by its plate", *lines])})
+        assert nominal_of(asked.request["nominal"], "") == nominal_of({"machine": WHOLE}, "")
+        assert ended(jobs, "explained") is JobState.DONE
+    finally:
+        over(jobs)
+
+
+def test_witnesses_are_those_asked_for_and_of_others_the_machines(tmp_path: Path) -> None:
+    recorded(tmp_path, "explained")
+    known = replace(NOMINAL, witnesses={"psi_f": Witness(0.12, 1e-3), "R_s": Witness(1.0, 0.01)})
+    jobs = DiagnosisJobs(tmp_path, {"spindle": known}, "tests.support.diagnoses:work")
+    try:
+        asked = jobs.ask("explained", {"witness": {"psi_f": "119.5mVs+-1%"}})
+        assert ended(jobs, "explained") is JobState.DONE
+        (said,) = (one for one in json.loads(jobs.file(jobs.done("explained"), RESULT))["remarks"] if "witness" in one)
+        again = jobs.ask("explained", asked.request)
+        assert again.request == asked.request
+        assert ended(jobs, "explained") is JobState.DONE
+    finally:
+        over(jobs)
+    found = from_table(asked.request["witness"], "")
+    assert found["psi_f"] == pytest.approx((0.1195, 0.001195 / Z_95))
+    assert found["R_s"] == pytest.approx((1.0, 0.01))
+    assert said == "witnesses R_s 1, psi_f 0.1195"
 
 
 @pytest.mark.parametrize("id_", ["x", "", "..", "../explained", "explained.parquet", "\0", "y" * 3000])

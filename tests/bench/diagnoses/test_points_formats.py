@@ -213,6 +213,25 @@ def test_formats_are_told_by_what_is_in_the_file(dropping: Points, freely: NoLoa
     assert set(FORMATS) >= {"recording", "points", "moteus-ld", "lea-thermal"}
 
 
+def test_a_log_whose_times_are_too_far_apart_for_control_periods_is_one_of_points(
+    dropping: Points, tmp_path: Path
+) -> None:
+    cells = columns_of(dropping)
+    logged = {"ms": 100.0 * np.arange(len(dropping)), "erpm": cells.pop("omega_e") * RPM, **cells}
+    path = written(tmp_path / "log.csv", logged)
+    speed = {"omega_e": "erpm[erpm]"}
+    plain = Request(path, NOTHING, mapping=speed, format="auto")
+    assert format_of(plain).name == "points"
+    for t in ("ms[ms]", "ms*1e-3"):
+        log = replace(plain, mapping=speed | {"t": t})
+        assert format_of(log).name == "points"
+        assert diagnose_recording(log).diagnosis.machine_after.keys() == {"R_s", "L_d", "L_q", "psi_f"}
+    for t in ("ms", "ms[us]", "ms*1e-6"):  # no unit is told, or one that makes control periods of rows
+        assert format_of(replace(plain, mapping=speed | {"t": t})).name == "recording"
+    with pytest.raises(RecordingError, match=r"t steps by 100 s, .*; a log of steady states is diagnosed by --for"):
+        diagnose_recording(replace(plain, nominal=MACHINE, mapping=speed | {"t": "ms"}))
+
+
 @pytest.mark.parametrize(("name", "text", "expected"), [
     ("points", "i_d,i_q,u_d\n1,2,3\n", "missing columns: u_q, omega_e or speed_rpm; present: i_d, i_q, u_d"),
     ("points", "i_d,i_q,u_d,u_q,omega_e\n", "expected rows below the header, came none"),

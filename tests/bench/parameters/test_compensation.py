@@ -100,8 +100,31 @@ def test_soft_drops_and_a_table_before_make_a_table() -> None:
 
 def test_a_voltage_of_steady_points_is_a_drop() -> None:
     found = {"inverter_voltage_error": {"voltage": 6.0, "zero_crossing_width": 0.3}}
-    there = values(recorded(found))
+    (one,), (said,) = compensations(recorded(found))
+    there = {name: size.value for name, size in one.values.items()}
     assert (there["dead_time"], there["inverter_drop"], there["inverter_width"]) == (0.0, 6.0, 0.3)
+    assert one.values["dead_time"].std is None
+    assert said == "how much of the inverter's voltage error is dead time is not told: inverter_drop takes it all"
+
+
+def test_a_drop_that_is_told_as_none_is_as_unsure_as_that() -> None:
+    told = {"dead_time": Size(1e-6, 1e-8), "u_drop": Size(0.0, 0.4), "zero_crossing_width": Size(0.2)}
+    (one,), _ = compensations(replace(recorded({}), found={"inverter_voltage_error": told}))
+    assert (one.values["inverter_drop"], one.values["dead_time"].std) == (Size(0.0, 0.4), 1e-8)
+
+
+def test_dead_time_and_drop_are_taken_over_where_a_table_of_soft_drops_cannot_be() -> None:
+    soft = {"inverter_voltage_error": {"dead_time": 1e-6, "u_drop": 2.0, "zero_crossing_width": 0.02, "knee": 0.5}}
+    unknown = replace(recorded(soft), u_dc=None)
+    (one,), (said,) = compensations(unknown)
+    assert (one.values["dead_time"].value, one.values["inverter_drop"].value) == (1e-6, 2.0)
+    assert said == (
+        "the drop is taken for one of no softness: a table of it needs the control period and the dc link's voltage"
+    )
+    none, (why,) = compensations(replace(unknown, drive={"inverter_correction": 2.0}))
+    assert none == []
+    assert why.endswith("the drive has a table of lost voltage, and another one needs the control period and the dc "
+                        "link's voltage")  # fmt: skip
 
 
 def once(angle: float) -> float:

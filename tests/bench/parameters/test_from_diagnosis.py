@@ -9,12 +9,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.diagnoses.diagnose import Diagnosed, as_json
+from bench.diagnoses.together.published import as_json as together_as_json
 from bench.errors import ConfigError, LimitError
 from bench.parameters.from_diagnosis import set_from_diagnosis
 from bench.parameters.parameter_set import as_toml, parse
 from bench.parameters.tuning import current_loop
 from estimator.diagnosis.verdict import Diagnosis, Quantity, Verdict
-from tests.support.diagnoses import AMBIGUOUS, EXPLAINED, NO_MISMATCH, NOMINAL, NOTHING_TOLD, RECORDING, UNEXPLAINED
+from tests.support.diagnoses import (
+    AMBIGUOUS,
+    CONVENTION,
+    EXPLAINED,
+    NO_MISMATCH,
+    NOMINAL,
+    NOTHING_TOLD,
+    RECORDING,
+    UNEXPLAINED,
+)
+from tests.support.together import ALIKE, BOTH, NOTHING, diagnosed
 
 SEEN = {"i_d": (-4.0, 1.0), "i_q": (-3.0, 5.0)}
 CONTROL = ("control_R_s", "control_L_d", "control_L_q", "control_psi_f")
@@ -120,6 +131,41 @@ def test_a_diagnosis_without_the_currents_that_were_seen_has_tables_to_the_rated
     assert "it is not told which currents were recorded" in told["table_i_q_max"].note
 
 
+def test_of_several_recordings_what_is_one_is_taken_over_and_what_differs_is_the_last_ones_and_doubtful() -> None:
+    made = set_from_diagnosis(together_as_json(diagnosed(BOTH)), {})
+    told, why = made.set.entries, "not the same in all recordings: this is that of warm"
+    assert made.set.name == "diagnosis of cold and warm"
+    L_d = told["control_L_d"]
+    assert (L_d.value, L_d.status, L_d.source) == (4.2385e-3, "ok", "diagnosis of cold and warm")
+    R_s = told["control_R_s"]
+    assert (R_s.value, R_s.status, R_s.source) == (1.0248, "doubtful", f"diagnosis of cold and warm; {why}")
+    assert (told["dead_time"].value, told["dead_time"].status) == (2e-6, "doubtful")
+    assert (told["saturation_correction"].value, told["saturation_correction"].status) == (1.0, "ok")
+    assert made.remarks == (
+        f"control_R_s: R_s is {why}",
+        f"inverter_correction, dead_time, inverter_width, inverter_drop: inverter_voltage_error is {why}",
+    )
+    assert parse(as_toml(made.set), "x") == made.set
+
+
+def test_of_several_recordings_that_say_the_same_nothing_is_doubtful() -> None:
+    made = set_from_diagnosis(together_as_json(diagnosed(ALIKE)), {}, own_gains=True)
+    assert {entry.status for entry in made.set.entries.values()} == {"ok"}
+    assert made.set.values["control_R_s"] == 0.9669
+    assert "own_gains" in made.set.values  # by the control period of all
+    assert made.remarks == ()
+    assert set_from_diagnosis(together_as_json(diagnosed(NOTHING)), {}).set.entries == {}
+
+
+def test_what_a_recording_alone_has_in_another_convention_is_said_to_be_left_out() -> None:
+    said = replace(ALIKE, diagnoses=(NO_MISMATCH, CONVENTION))
+    made = set_from_diagnosis(together_as_json(diagnosed(said)), {})
+    assert made.remarks == (
+        "convention_error is each recording's own, and left out: a diagnosis of that recording alone gives a set with "
+        "it",
+    )
+
+
 @pytest.mark.parametrize("wrong", [{}, {"verdict": "perhaps"}, {"verdict": None}, {"estimates": {}}])
 def test_what_is_no_diagnosis_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="expected a diagnosis"):
@@ -146,7 +192,7 @@ def paths(content: Any, before: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...
 
 @given(st.data())
 def test_no_content_makes_a_traceback(data: st.DataObject) -> None:
-    said = content(EXPLAINED)
+    said = data.draw(st.sampled_from([content(EXPLAINED), together_as_json(diagnosed(BOTH))]))
     *way, last = data.draw(st.sampled_from(list(paths(said))))
     at: Any = said
     for key in way:

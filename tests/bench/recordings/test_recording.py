@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.errors import ConfigError, RecordingError
 from bench.recordings.recording import Recording, open_recording
+from bench.recordings.runs import OF_INSTANTS
 from estimator.samples import Samples
 from tests.support.real_data import REAL_DATA
 from tests.support.recordings import read_recording
@@ -303,14 +304,14 @@ def test_a_given_control_period_that_agrees_is_used(write: Write):
 def test_a_control_period_that_disagrees_is_refused_naming_both(write: Write):
     said = refusal(write("a.csv", table()), T_s=1.02e-4)
     assert said == "expected T_s = 0.000102 s, the times say 0.0001 s"
-    assert "need periods = 10" in refusal(write("a.csv", table()), T_s=1e-5)
+    assert f"i_q_mean and periods = 10; {OF_INSTANTS}" in refusal(write("a.csv", table()), T_s=1e-5)
 
 
 def test_what_times_look_like_that_disagree_is_told(write: Write):
     for t, said in (
         (np.arange(8) * 0.1, "the times say 0.1 s: is t in ms? expected s"),
         (np.arange(8.0), "the times say 1 s: is t a row number? expected s"),
-        (np.arange(8) * 1e-3, "is it one row in 10? A diagnosis needs every control period; for a replay, rows"),
+        (np.arange(8) * 1e-3, "is it one row in 10? A diagnosis needs every control period; pmsm-bench replay takes"),
     ):
         assert said in refusal(write("a.csv", table(t=t)), T_s=1e-4)
     assert "is t a row number or in ms? expected s" in refusal(write("a.csv", table(t=np.arange(8.0))), T_s=1e-3)
@@ -461,7 +462,7 @@ def test_rows_of_several_periods_carry_their_mean_currents(write: Write):
 
 def test_rows_of_several_periods_without_mean_currents_are_refused(write: Write):
     path = write("a.csv", table())
-    assert "missing columns: i_d_mean, i_q_mean" in refusal(path, constants={"periods": 10})
+    assert f"missing columns: i_d_mean, i_q_mean; {OF_INSTANTS}" in refusal(path, constants={"periods": 10})
     assert "missing columns: i_q_mean;" in refusal(write("a.csv", table(i_d_mean=np.arange(8))))
 
 
