@@ -178,7 +178,7 @@ def open_recording(
     does not say. `n_p`: pole pairs, for units that are mechanical. `optional`: whether to read dc link and phase
     currents. `temperatures`, `phases`: whether to have them, or phase currents, beside the samples. `q_alone`: whether
     the q axis alone is enough, so that u_d, and i_d, need not be there. `skipping`: whether rows may be one in several
-    control periods.
+    control periods, with both axes.
     """
     path, mapping, constants, align = Path(path), mapping or {}, constants or {}, align or {}
     check_options(mapping, constants, T_s, align)
@@ -200,7 +200,8 @@ def open_recording(
         noted = _noted(path, sources, theta_step)
         beside = (*TEMPERATURES, *(PHASES if phases and not optional else ()))
         yield RecordingReader(
-            path, sources, named, T_s, align.get("u", 0), noted, u_dc, told, beside, skipping=skipping
+            path, sources, named, T_s, align.get("u", 0), noted, u_dc, told, beside,
+            skipping=skipping and not sources.q_only,
         )
 
 

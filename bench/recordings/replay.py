@@ -12,7 +12,7 @@ from bench.errors import ConfigError, RecordingError
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.q_axis import estimate_on_q, window_on_q
-from bench.live.watch import Explained
+from bench.live.watch import SURELY, Explained, strange_of
 from bench.live.window import Window
 from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
@@ -68,7 +68,7 @@ def replay(
         raise ConfigError(f"--witness goes with --method wls, got {window.method}")
     turned = Turned(n_p, nominal or {}, set_speed="omega_e" in reader.sources.constants)
     if reader.clock.skips:
-        return _replay_skipping(reader, window, every, on_estimate, on_rows, turned, witnesses or {})
+        return _replay_skipping(reader, window, every, on_estimate, on_rows, nominal, n_p, turned, witnesses or {})
     instead = None if witnesses else _instead(reader, window)
     found = _replay_periods(reader, window, every, on_estimate, on_rows, nominal, n_p, witnesses, turned, instead)
     if instead is None or found.verdict.status is not Explained.NO:
@@ -77,15 +77,17 @@ def replay(
     said = instead.said(window, over=turned.doubt())
     if said is None or not said.explains:
         return found
-    remarks = (*reader.summary.remarks(), *turned.remarks(), said.remark)
-    return replace(found, result=said.result, verdict=said.verdict, remarks=remarks)
+    remarks = [*reader.summary.remarks(), *turned.remarks(), said.remark]
+    remarks += _convention(said.result, said.verdict, nominal or {}, n_p)
+    remarks += ["estimates over time are those of every period, and not of such rows"] if on_estimate else []
+    return replace(found, result=said.result, verdict=said.verdict, remarks=tuple(remarks))
 
 
 def _instead(reader: RecordingReader, window: Window) -> SkippingRows | None:
     """What takes rows for some that skip control periods, where they may be: of an unknown period, and all together."""
     unknown = not reader.clock.given and reader.clock.periods == 1 and reader.clock.step >= SLOWEST
     together = window.method == "wls" and _rests_on(window) is None and not window.chosen_by_data
-    return SkippingRows(None) if unknown and together else None
+    return SkippingRows(None) if unknown and together and not reader.sources.q_only else None
 
 
 def _replay_periods(
@@ -160,7 +162,8 @@ def _replay_periods(
 
 def _replay_skipping(
     reader: RecordingReader, window: Window, every: int, on_estimate: OnEstimate | None,
-    on_rows: Callable[[int], None] | None, turned: Turned, witnesses: Mapping[str, Witness],
+    on_rows: Callable[[int], None] | None, nominal: Mapping[str, float] | None, n_p: int | None, turned: Turned,
+    witnesses: Mapping[str, Witness],
 ) -> Replay:  # fmt: skip
     """Rows that skip control periods, all of them together."""
     one_in = f"rows that skip control periods, here one in {reader.clock.periods}"
@@ -168,8 +171,8 @@ def _replay_skipping(
         raise ConfigError(f"{one_in}: expected --method wls, got {window.method}")
     if _rests_on(window) is not None or window.chosen_by_data:
         raise ConfigError(f"{one_in}, are taken all together: expected no --window")
-    if witnesses:
-        raise ConfigError(f"{one_in}: a witness has no part in this, expected none")
+    if window.periods_per_row != 1:
+        raise ConfigError(f"{one_in}, are taken one by one: expected no --periods")
     rows, due, done = SkippingRows(reader.clock.T_s), every, 0
     warmth = _Warmth(None)
     for chunk in reader:
@@ -185,10 +188,17 @@ def _replay_skipping(
                 if on_estimate is not None and (so_far := rows.said(window)) is not None:
                     on_estimate(piece.t0 + len(piece) * piece.T, replace(so_far.result, samples=done))
     rows.finish()
-    said = rows.said(window, over=turned.doubt())
+    said = rows.said(window)
+    if said is not None:
+        strange = strange_of(said.result.estimates, nominal or {}, SURELY)
+        said = rows.said(window, over="; ".join(filter(None, (turned.doubt(), *strange.values()))))
     if said is None:
         raise RecordingError(f"{reader.path}: expected rows, came none")
-    remarks = (*reader.summary.remarks(), *turned.remarks(), said.remark)
+    remarks = (
+        *reader.summary.remarks(), *turned.remarks(), said.remark,
+        *(() if turned.doubt() else _convention(said.result, said.verdict, nominal or {}, n_p)),
+        *(f"{name}: its witness has no part in this, for {one_in}" for name in witnesses),
+    )  # fmt: skip
     return Replay(reader.summary, window, said.result, said.verdict, remarks, warmth.means())
 
 

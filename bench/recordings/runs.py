@@ -107,8 +107,8 @@ def _looks_like(step: float, T: float, T_s: float) -> str:
         return f": is t {' or '.join(guesses)}? expected s, or what makes s of it: --map t=COLUMN*{T_s / T:.6g}"
     if rows_of := _one_in(ratio):
         return (
-            f": is it one row in {rows_of}? A diagnosis needs every control period; pmsm-bench replay takes such rows, "
-            f"and means over {rows_of} each with i_d_mean, i_q_mean and periods = {rows_of}; {OF_INSTANTS}"
+            f": is it one row in {rows_of}? A diagnosis needs every control period; pmsm-bench replay takes such rows "
+            f"of both axes, and means over {rows_of} with i_d_mean, i_q_mean and periods = {rows_of}; {OF_INSTANTS}"
         )
     return ""
 

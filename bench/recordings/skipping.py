@@ -36,8 +36,8 @@ class Said:
 
     @property
     def explains(self) -> bool:
-        """The rows fit, and tell something."""
-        told = any(e.status is Status.OK for e in self.result.estimates.values())
+        """The rows fit, and tell all that is asked for."""
+        told = all(e.status in (Status.OK, Status.HELD) for e in self.result.estimates.values())
         return self.verdict.status is Explained.YES and told
 
 

@@ -149,8 +149,8 @@ def _sizes_in_words(finding: Finding) -> str:
     shapes = {parameter.name for parameter in effect.parameters if parameter.shape} if effect else set[str]()
     said = [_size_in_words(name, q) for name, q in told.items()]
     for name, q in sizes.items():
-        if name not in told and name not in shapes and "phase" not in name:
-            most = abs(q.value or 0.0) + (half_width(q.std) or 0.0)
+        most = abs(q.value or 0.0) + (half_width(q.std) or 0.0)
+        if name not in told and name not in shapes and "phase" not in name and 0.0 < most < math.inf:
             said.append(f"{name.replace('_', ' ')} no more than {quantity(most, q.unit)}")
     return ", ".join(said)
 

@@ -102,12 +102,19 @@ def _by_each_row(runs: Sequence[Samples], diagnosis: Diagnosis) -> Diagnosis:
     state = window_ls.init(sum(map(len, runs)))
     for run in runs:
         state = window_ls.update(state, run, joined=False)
-    left = mismatch_of(runs, window_ls.estimate(state).estimates)
-    if left is None or not left.mismatch:
+    estimates = window_ls.estimate(state).estimates
+    left = mismatch_of(runs, estimates)
+    least = _SEEN * _by_missed_current(runs, estimates["L_q"].value or 0.0)
+    if left is None or not left.mismatch or left.rms_V < least:
         return diagnosis
-    where = place_in_window(left)
-    told = Unexplained(left.rms_V, where, f"a voltage of {quantity(left.rms_V, 'V')} above noise, {where.sentence}")
+    told = Unexplained(left.rms_V, place_in_window(left), f"a voltage of {quantity(left.rms_V, 'V')} above noise")
     return _said(replace(diagnosis, verdict=Verdict.UNEXPLAINED, unexplained=told))
+
+
+def _by_missed_current(runs: Sequence[Samples], L_q: float) -> float:
+    """V, rms, that an i_d may make which was not recorded; none where it was."""
+    i_d, i_q, omega = (np.concatenate([getattr(run, name) for run in runs]) for name in ("i_d", "i_q", "omega_e"))
+    return 0.0 if np.any(i_d) else I_D * L_q * math.sqrt(float(np.mean(omega**2) * np.mean(i_q**2)))
 
 
 def diagnose_q_points(

@@ -19,6 +19,7 @@ from emulator.plant.physics.legs import Inverter
 from emulator.scenario.effects import NONE
 from emulator.scenario.scenarios import PAPER_RUN, Excitation
 from estimator.online.estimate import Status, WindowEstimate
+from estimator.witness import Witness
 
 Columns = Mapping[str, NDArray[np.float64]]
 
@@ -84,6 +85,7 @@ def test_rows_of_every_period_are_replayed_as_ever(levels: Columns, tmp_path: Pa
 
 @pytest.mark.parametrize(("window", "why"), [
     (Window(length=1000), "expected no --window"), (Window(length="auto"), "expected no --window"),
+    (Window(length=1_000_000, periods_per_row=10), "expected no --periods"),
     (Window(method="rls"), "expected --method wls, got rls"),
 ])  # fmt: skip
 def test_settings_that_do_not_go_with_it_are_refused(
@@ -91,6 +93,41 @@ def test_settings_that_do_not_go_with_it_are_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=f"rows that skip control periods, here one in 10.*{why}"):
         replayed(written(tmp_path, levels, 10), 1e-4, window)
+
+
+def test_a_slow_drive_that_the_model_does_not_explain_is_not_taken_for_one(tmp_path: Path) -> None:
+    drive = replace(PAPER_RUN.drive, T_s=1e-3, bandwidth=300.0)
+    sines = Excitation(i_d_step=2.0, i_q_step=2.0, kind="multisine", sine_frequency=20.0, sine_count=1)
+    dead = NONE._replace(inverter=Inverter(dead_time=4e-6))
+    slow = VirtualDrive(replace(PAPER_RUN, drive=drive, excitation=sines, effects=dead)).record(4000)
+    found = replayed(written(tmp_path, slow, 1), None)
+    assert found.verdict.status is Explained.NO
+    assert not any(e.status is Status.OK for e in found.result.estimates.values())
+
+
+def test_values_that_the_machine_file_contradicts_are_doubtful(levels: Columns, tmp_path: Path) -> None:
+    milli = {name: column * (1e3 if name in ("i_d", "i_q") else 1.0) for name, column in levels.items()}
+    with open_recording(written(tmp_path, milli, 10), T_s=1e-4, skipping=True) as reader:
+        found = replay(reader, Window(length=1_000_000), nominal=TRUTH)
+    assert found.result.estimates["R_s"].status is Status.DOUBTFUL
+    assert "R_s reads" in found.result.estimates["R_s"].reason
+
+
+def test_a_witness_is_told_to_have_no_part(levels: Columns, tmp_path: Path) -> None:
+    with open_recording(written(tmp_path, levels, 10), T_s=1e-4, skipping=True) as reader:
+        found = replay(reader, Window(length=1_000_000), witnesses={"psi_f": Witness(0.12, 1e-3)})
+    assert found.result.estimates["psi_f"].status is Status.OK
+    assert "psi_f: its witness has no part in this" in found.remarks[-1]
+
+
+def test_the_q_axis_alone_needs_every_period(levels: Columns, tmp_path: Path) -> None:
+    path = tmp_path / "q.parquet"
+    write_columns(path, {name: np.ascontiguousarray(levels[name][::10]) for name in ("t", "u_q", "i_q", "theta_e")}, {})
+    with (
+        pytest.raises(RecordingError, match="replay takes such rows of both axes"),
+        open_recording(path, T_s=1e-4, skipping=True, q_alone=True) as reader,
+    ):
+        list(reader)
 
 
 def test_only_a_replay_takes_them(levels: Columns, tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from emulator.drive.virtual_drive import VirtualDrive
 from emulator.plant.physics.legs import Inverter
+from emulator.plant.physics.saturation import Saturation
 from emulator.scenario.effects import NONE
-from emulator.scenario.scenarios import PAPER_RUN, Excitation
+from emulator.scenario.scenarios import PAPER, PAPER_RUN, Excitation
 from estimator.machine import PARAMETERS
 from estimator.online import skipping_rows
 from estimator.online.estimate import Status
@@ -26,11 +27,18 @@ SINES = replace(
     PAPER_RUN,
     excitation=Excitation(i_d_step=2.0, i_q_step=2.0, kind="multisine", sine_frequency=2.0, sine_count=8),
 )
+PRBS = Excitation(i_d_step=2.0, i_q_step=2.0, step_time=5e-3, kind="prbs")
+SATURATED = NONE._replace(saturation=Saturation(L_d_drop=0.15, L_q_drop=0.3))
 DEAD = replace(LEVELS, effects=NONE._replace(inverter=Inverter(dead_time=1.5e-6)))
 
 
 SCENARIOS = {
     "levels": LEVELS, "fast": FAST, "sines": SINES, "dead": DEAD,
+    "dead_prbs": replace(DEAD, excitation=PRBS), "sagging": replace(LEVELS, effects=SATURATED),
+    "dead_sine": replace(
+        DEAD, excitation=Excitation(i_d_step=2.0, i_q_step=2.0, kind="multisine", sine_frequency=20.0, sine_count=1)
+    ),
+    "standstill": replace(LEVELS, run=replace(PAPER.run, speed_rpm=0.0)),
     "q": replace(LEVELS, excitation=Excitation(i_q_step=2.0, step_time=20e-3)),
     "work": replace(LEVELS, excitation=Excitation()),
 }  # fmt: skip
@@ -78,10 +86,19 @@ def test_currents_that_move_faster_than_rows_come_tell_no_inductance(one_in: int
         assert estimates[name].value is None
 
 
-def test_what_the_equation_leaves_out_is_a_mismatch() -> None:
-    found = said(kept("dead", 10))
+@pytest.mark.parametrize("scenario", ["dead", "dead_prbs", "dead_sine", "sagging"])
+def test_what_the_equation_leaves_out_is_a_mismatch(scenario: str) -> None:
+    found = said(kept(scenario, 10))
     assert found.mismatch
-    assert found.persistent_V > 3.0 * found.least_V
+    assert found.significance > 6.0
+
+
+def test_a_motor_that_stands_tells_its_resistance() -> None:
+    found = said(kept("standstill", 10)).result.estimates
+    assert found["R_s"].status is Status.OK
+    assert found["R_s"].value == pytest.approx(TRUTH["R_s"], rel=5e-3)
+    assert found["psi_f"].status is Status.NOT_TOLD
+    assert "it acts nowhere" in found["psi_f"].reason
 
 
 def test_the_same_in_whatever_pieces_rows_come() -> None:
