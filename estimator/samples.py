@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Column = NDArray[np.float64]
 
+_SAME_ANGLE: Final = 1e-9  # of the largest
+
 
 class Resolution(NamedTuple):
     """Steps of what was measured and recorded; 0 = not known, taken for none."""
@@ -103,6 +105,13 @@ class Samples:
             cut(self.u_dc), cut(self.i_a), cut(self.i_b), cut(self.i_c), self.left_out if start == 0 else None,
             self.q_only, self.edges,
         )
+
+
+def is_integral_of_speed(samples: Samples) -> bool:
+    """Whether the angle is the integral of the speed column, to its last digits: there is no other."""
+    off = np.diff(samples.theta_e) - 0.5 * samples.T * (samples.omega_e[1:] + samples.omega_e[:-1])
+    largest = float(np.max(np.abs(samples.theta_e), initial=0.0))
+    return bool(np.max(np.abs(off), initial=0.0) < _SAME_ANGLE * (1.0 + largest))
 
 
 def turned_angle(theta_e: Column, omega_e: Column, T: float) -> Column:

@@ -12,7 +12,7 @@ from bench.errors import ConfigError, RecordingError
 from bench.live import method
 from bench.live.doubts import doubted
 from bench.live.q_axis import estimate_on_q, window_on_q
-from bench.live.watch import SURELY, Explained, strange_of
+from bench.live.watch import Explained
 from bench.live.window import Window
 from bench.live.witnessed import with_witnesses
 from bench.recordings.judgement import Judgement, Verdict
@@ -188,10 +188,7 @@ def _replay_skipping(
                 if on_estimate is not None and (so_far := rows.said(window)) is not None:
                     on_estimate(piece.t0 + len(piece) * piece.T, replace(so_far.result, samples=done))
     rows.finish()
-    said = rows.said(window)
-    if said is not None:
-        strange = strange_of(said.result.estimates, nominal or {}, SURELY)
-        said = rows.said(window, over="; ".join(filter(None, (turned.doubt(), *strange.values()))))
+    said = rows.said(window, over=turned.doubt(), nominal=nominal)
     if said is None:
         raise RecordingError(f"{reader.path}: expected rows, came none")
     remarks = (

@@ -6,12 +6,12 @@ tried, and what those that explain them change is in the standard errors. Knows 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from bench.live.doubts import doubted
-from bench.live.watch import Explained
+from bench.live.watch import SURELY, Explained, strange_of
 from bench.live.window import Window
 from bench.recordings.judgement import Verdict
 from estimator.diagnosis.words import number
@@ -66,8 +66,10 @@ class SkippingRows:
         for state in self._states:
             skipping_rows.finish(state)
 
-    def said(self, window: Window, *, over: str = "") -> Said | None:
-        """What they say so far, by the settings; None before any has come. `over`: what else speaks against them."""
+    def said(self, window: Window, *, over: str = "", nominal: Mapping[str, float] | None = None) -> Said | None:
+        """What they say so far, by the settings; None before any has come. `over`: what else speaks against them, as
+        values (SI) do that the machine should have.
+        """
         if not self._states:
             return None
         found = {
@@ -76,7 +78,8 @@ class SkippingRows:
         least = min(found, key=lambda T_s: found[T_s].persistent_V)
         explain = {T_s: each for T_s, each in found.items() if not each.mismatch} or {least: found[least]}
         one, result = next(iter(explain.values())), _between([each.result for each in explain.values()])
-        mismatch = "; ".join(filter(None, (over, _NOT_EXPLAINED if one.mismatch else "")))
+        strange = strange_of(result.estimates, nominal or {}, SURELY)
+        mismatch = "; ".join(filter(None, (over, *strange.values(), _NOT_EXPLAINED if one.mismatch else "")))
         result = replace(result, estimates=doubted(result, mismatch))
         return Said(result, self._verdict(one), self._remark(one, list(explain)))
 

@@ -34,7 +34,7 @@ from estimator.interval import Z_95
 from estimator.machine import PARAMETERS, UNITS
 from estimator.online.estimate import Estimate, Status, WindowEstimate
 from estimator.online.solve import at_held, check_held, plausible
-from estimator.samples import Samples, turned_angle
+from estimator.samples import Samples, is_integral_of_speed, turned_angle
 
 _SLOPES: Final = (
     ((1, 1.0 / 2.0),), ((1, 2.0 / 3.0), (2, -1.0 / 12.0)), ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0)),
@@ -69,7 +69,6 @@ _H: Final = 6  # the place of h, what bows the current within a period on d and 
 _BOWS: Final = 7
 _U: Final = 9  # the voltage
 _SIZE: Final = 10
-_SAME: Final = 1e-9  # of an angle
 _TESTS: Final = 18  # instruments that the equations have no need of: what is left of them shows by these
 
 
@@ -154,7 +153,7 @@ def update(state: SkippingState, samples: Samples, *, joined: bool = True) -> Sk
         finish(state)
         state.gaps += 1
     state.q_only, state.T = samples.q_only, samples.T
-    state.by_speed &= _by_speed(samples)
+    state.by_speed &= is_integral_of_speed(samples)
     state.samples += len(samples)
     state.waiting.append(samples)
     while sum(map(len, state.waiting)) >= 2 * _PIECE:
@@ -207,12 +206,6 @@ def _sum(state: SkippingState, run: Samples) -> None:
             good[: _DEGREES - degree] = False
         _add(sums, x, z, tests, good, q_only=state.q_only)
     state.summed += min(len(run), _PIECE)
-
-
-def _by_speed(samples: Samples) -> bool:
-    """Whether the angle is the integral of the speed, to its last digits."""
-    turned = np.diff(samples.theta_e) - 0.5 * samples.T * (samples.omega_e[1:] + samples.omega_e[:-1])
-    return bool(np.max(np.abs(turned), initial=0.0) < _SAME * (1.0 + float(np.max(np.abs(samples.theta_e)))))
 
 
 def _moved(column: NDArray[_Value], n: int, ends: int) -> NDArray[_Value]:

@@ -24,7 +24,7 @@ from estimator.diagnosis.points.table import Places
 from estimator.machine import PLAUSIBLE, UNITS
 from estimator.online.flux_balance import TURN, flux_balance
 from estimator.physics import speed_lag
-from estimator.samples import Samples
+from estimator.samples import Samples, is_integral_of_speed
 
 LOOKED_FOR: Final = (
     VOLTAGE_ERROR, "winding_resistance_drift", "magnet_flux_drift", "voltage_offset", speed_lag.NAME,
@@ -112,7 +112,7 @@ def q_axis_of(runs: Sequence[Samples], shift: float = 0.0) -> QAxis:
         none = np.zeros(0)
         return QAxis(none, none, none, None, none, none, none)
     rows = max(1, math.ceil(sum(map(len, runs)) / _MOST))
-    by_angle = not all(_by_speed(run) for run in runs)
+    by_angle = not all(map(is_integral_of_speed, runs))
     widths = _WIDTHS * max(float(np.max(np.abs(run.i_q))) for run in runs)
     parts, changes = list[Array](), list[Array]()
     for run in runs:
@@ -160,12 +160,6 @@ def _lost(q: QAxis, width: float) -> Array:
     place = float(np.interp(math.log(width), np.log(q.widths), np.arange(len(q.widths))))
     low = min(int(place), len(q.widths) - 2)
     return q.lost[:, low] + (place - low) * (q.lost[:, low + 1] - q.lost[:, low])
-
-
-def _by_speed(run: Samples) -> bool:
-    """Whether the angle is the integral of the speed column, to its last digits."""
-    off = np.diff(run.theta_e) - 0.5 * run.T * (run.omega_e[1:] + run.omega_e[:-1])
-    return bool(np.max(np.abs(off)) < 1e-9 * (1.0 + float(np.max(np.abs(run.theta_e)))))
 
 
 def q_axis_problem(q: QAxis, group: Places, kin: Places) -> Problem:

@@ -104,17 +104,17 @@ def _by_each_row(runs: Sequence[Samples], diagnosis: Diagnosis) -> Diagnosis:
         state = window_ls.update(state, run, joined=False)
     estimates = window_ls.estimate(state).estimates
     left = mismatch_of(runs, estimates)
-    least = _SEEN * _by_missed_current(runs, estimates["L_q"].value or 0.0)
+    i_d, i_q, omega = (np.concatenate([getattr(run, name) for run in runs]) for name in ("i_d", "i_q", "omega_e"))
+    least = 0.0 if np.any(i_d) else _SEEN * _by_missed_current(omega, i_q, estimates["L_q"].value or 0.0)
     if left is None or not left.mismatch or left.rms_V < least:
         return diagnosis
     told = Unexplained(left.rms_V, place_in_window(left), f"a voltage of {quantity(left.rms_V, 'V')} above noise")
     return _said(replace(diagnosis, verdict=Verdict.UNEXPLAINED, unexplained=told))
 
 
-def _by_missed_current(runs: Sequence[Samples], L_q: float) -> float:
-    """V, rms, that an i_d may make which was not recorded; none where it was."""
-    i_d, i_q, omega = (np.concatenate([getattr(run, name) for run in runs]) for name in ("i_d", "i_q", "omega_e"))
-    return 0.0 if np.any(i_d) else I_D * L_q * math.sqrt(float(np.mean(omega**2) * np.mean(i_q**2)))
+def _by_missed_current(omega_e: Array, i_q: Array, L_q: float) -> float:
+    """V, rms, that an i_d may make which was not recorded."""
+    return I_D * abs(L_q) * math.sqrt(float(np.mean(omega_e**2) * np.mean(i_q**2)))
 
 
 def diagnose_q_points(
@@ -308,9 +308,7 @@ def _beyond_missed_current(q: QAxis, search: PointsSearch, choice: PointsChoice)
     """The set without what is no larger than an i_d that was not recorded may make."""
     while q.i_d is None and choice:
         fit = search.fit(choice)
-        least = _SEEN * I_D * abs(fit.values.get((MACHINE, "L_q"), 0.0)) * float(
-            np.sqrt(np.mean(q.omega_e**2) * np.mean(q.i_q**2))
-        )
+        least = _SEEN * _by_missed_current(q.omega_e, q.i_q, fit.values.get((MACHINE, "L_q"), 0.0))
         sizes = {
             name: float(np.sqrt(np.mean((search.signal(fit, name, fit.places(name)) * search.noise) ** 2)))
             for name in choice
